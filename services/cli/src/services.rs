@@ -1,6 +1,6 @@
 //! The programs that an aircraft needs, by name ([`jink_runtime::programs`]).
 
-use jink_runtime::run;
+use jink_runtime::{device, run};
 use std::process::ExitCode;
 
 /// The `main` of the program called `name`; `None` for the command itself.
@@ -14,9 +14,9 @@ pub fn named(name: &str) -> Option<fn() -> ExitCode> {
         "jink-mavlink-gateway" => run::<jink_mavlink_gateway::GatewayService>,
         "jink-parameter-server" => run::<jink_parameter_server::ParameterService>,
         "jink-ground-services" => run::<jink_ground_services::GroundServicesService>,
-        "jink-rangefinder-driver" => run::<jink_rangefinder_driver::RangefinderService>,
-        "jink-depth-driver" => run::<jink_depth_driver::DepthCameraService>,
-        "jink-lidar-driver" => run::<jink_lidar_driver::LidarService>,
+        "jink-rangefinder-driver" => device::run::<jink_rangefinder_driver::RangefinderService>,
+        "jink-depth-driver" => device::run::<jink_depth_driver::DepthCameraService>,
+        "jink-lidar-driver" => device::run::<jink_lidar_driver::LidarService>,
         "jink-link-check" => || jink_link_check::run(&arguments()),
         _ => return None,
     })

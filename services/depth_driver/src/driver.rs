@@ -7,8 +7,8 @@
 use crate::cloud_view::CloudView;
 use crate::config::DepthCameraSpec;
 use crate::flying::FlyingPixelFilter;
+use jink_runtime::device::{DeviceChange, Rate, SilenceMonitor};
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{DEPTH_CAMERA_BACK, DEPTH_CAMERA_LOST, EventSample};
 
 /// Silence that is reported to the pilot (s), and in periods: whichever is longer.
 const SILENCE_S: f64 = 1.0;
@@ -54,26 +54,6 @@ pub struct DepthCameraCounters {
     pub rate_hz: f64,
 }
 
-/// A change that is reported to the pilot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DepthCameraChange {
-    /// The camera is gone, sends nothing, or sends the same image again and again.
-    Lost,
-    /// It measures again.
-    Back,
-}
-
-impl DepthCameraChange {
-    /// As an event about the sensor called `name`.
-    pub fn event(self, name: &str) -> EventSample {
-        let event = match self {
-            Self::Lost => &DEPTH_CAMERA_LOST,
-            Self::Back => &DEPTH_CAMERA_BACK,
-        };
-        EventSample::new(event, name, [0.0; 2])
-    }
-}
-
 /// One depth camera.
 #[derive(Clone, Debug)]
 pub struct DepthCameraDriver {
@@ -87,12 +67,10 @@ pub struct DepthCameraDriver {
     sequence: Option<u32>,
     /// Time of the newest image.
     newest: Timestamp,
-    /// When an image was published last, and since when one is waited for.
-    published: Timestamp,
-    waiting: Timestamp,
-    loss_reported: bool,
+    /// That of published images.
+    silence: SilenceMonitor,
     counters: DepthCameraCounters,
-    looked: (Timestamp, u64),
+    rate: Rate,
 }
 
 impl DepthCameraDriver {
@@ -106,11 +84,9 @@ impl DepthCameraDriver {
             has_raw: false,
             sequence: None,
             newest: Timestamp::NEVER,
-            published: Timestamp::NEVER,
-            waiting: Timestamp::NEVER,
-            loss_reported: false,
+            silence: SilenceMonitor::new(SILENCE_S.max(SILENCE_PERIODS / spec.rate_hz)),
             counters: DepthCameraCounters::default(),
-            looked: (Timestamp::NEVER, 0),
+            rate: Rate::default(),
             spec,
         }
     }
@@ -145,7 +121,7 @@ impl DepthCameraDriver {
         self.depths.copy_from_slice(&self.raw);
         self.counters.flying_pixels += self.filter.remove(&mut self.depths) as u64;
         self.counters.good += 1;
-        self.published = image.arrived;
+        self.silence.received(image.arrived);
         publish(&CloudView {
             spec: &self.spec,
             capture,
@@ -154,34 +130,14 @@ impl DepthCameraDriver {
     }
 
     /// Whether the camera has fallen silent, or measures again; once per change.
-    pub fn take_change(&mut self, now: Timestamp) -> Option<DepthCameraChange> {
-        if !self.waiting.is_set() {
-            self.waiting = now;
-        }
-        let limit_s = SILENCE_S.max(SILENCE_PERIODS / self.spec.rate_hz);
-        let silent = now.seconds_since(self.published.max(self.waiting)) > limit_s;
-        if self.loss_reported == silent {
-            return None;
-        }
-        self.loss_reported = silent;
-        Some(if silent {
-            DepthCameraChange::Lost
-        } else {
-            DepthCameraChange::Back
-        })
+    pub fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
+        self.silence.take_change(now)
     }
 
     /// What has become of the images, with the rate since the last look.
     pub fn counters(&mut self, now: Timestamp) -> DepthCameraCounters {
-        let (time, good) = std::mem::replace(&mut self.looked, (now, self.counters.good));
-        let since_s = now.seconds_since(time);
-        let rate_hz = if time.is_set() && since_s > 0.0 {
-            (self.counters.good - good) as f64 / since_s
-        } else {
-            0.0
-        };
         DepthCameraCounters {
-            rate_hz,
+            rate_hz: self.rate.look(now, self.counters.good),
             ..self.counters
         }
     }

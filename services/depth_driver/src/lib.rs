@@ -29,5 +29,5 @@ pub mod v4l2;
 pub use cloud_view::CloudView;
 pub use config::DepthCameraSpec;
 pub use config_error::DepthConfigError;
-pub use driver::{DepthCameraChange, DepthCameraCounters, DepthCameraDriver, Image};
+pub use driver::{DepthCameraCounters, DepthCameraDriver, Image};
 pub use service::DepthCameraService;

@@ -5,38 +5,29 @@ use crate::cloud_view::CloudView;
 use crate::config::{DepthCameraSpec, SensorTable};
 use crate::driver::DepthCameraDriver;
 use crate::v4l2::Wanted;
+use jink_runtime::device::{DeviceChange, Driver, measured_at, needs};
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Clock, Cycle, DeviceOwnership, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Output, Ports, StartError};
+use jink_shared_types::events::{DEPTH_CAMERA_BACK, DEPTH_CAMERA_LOST, Event};
 use jink_shared_types::ranges::PointCloud;
-use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
-use std::fmt;
+use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::os::fd::BorrowedFd;
 
 /// The service: see [`crate`].
+#[derive(Debug)]
 pub struct DepthCameraService {
     driver: DepthCameraDriver,
-    clock: Clock,
     camera: Camera,
     clouds: Output<PointCloud>,
-    ownership: DeviceOwnership,
 }
 
-impl fmt::Debug for DepthCameraService {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("DepthCameraService")
-    }
-}
-
-impl Service for DepthCameraService {
+impl Driver for DepthCameraService {
     const PROGRAM: &'static str = "depth_driver";
+    const EVENTS: [&'static Event; 2] = [&DEPTH_CAMERA_LOST, &DEPTH_CAMERA_BACK];
 
-    fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = ports.setup().sensor_name()?;
-        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
-        let spec = DepthCameraSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
-            what: "the depth camera".to_owned(),
-            cause: mistake.to_string(),
-        })?;
+    fn open(ports: &mut Ports, name: &str, tables: &[SensorTable]) -> Result<Self, StartError> {
+        let spec =
+            DepthCameraSpec::find(tables, name).map_err(|mistake| needs("the depth camera", &mistake))?;
         tracing::info!(
             "{name}: {} points an image, one for each {bin} x {bin} pixels",
             spec.points(),
@@ -49,68 +40,37 @@ impl Service for DepthCameraService {
         Ok(Self {
             camera: Camera::new(&spec.device, wanted),
             clouds: ports.range_output(topics::RANGE_CLOUD, &spec.name, spec.rate_hz)?,
-            ownership: DeviceOwnership::new(ports),
-            clock: ports.clock(),
             driver: DepthCameraDriver::new(spec),
         })
     }
 
-    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
-        let now = cycle.now;
-        if !self.ownership.owns(now) {
-            self.camera.close();
-            self.run_as_standby(now);
-            return self.ownership.standby_wake(now);
-        }
-        if self.camera.open_if_due(now) {
-            self.driver.connected();
-        }
-        self.read(now);
-        if let Some(change) = self.driver.take_change(now) {
-            cycle.events.publish(now, &change.event(&self.driver.spec().name));
-        }
-        self.report(now);
-        Wake::at(DeviceOwnership::owner_due(now).min(self.camera.due()))
-    }
-
-    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
-        let mut watched = [None; WATCHED_FDS];
-        watched[0] = self.camera.watched();
-        watched
-    }
-}
-
-impl DepthCameraService {
-    /// Reads what has arrived, and publishes what it completes.
-    fn read(&mut self, now: Timestamp) {
+    fn run(&mut self, clock: &Clock, now: Timestamp) -> Timestamp {
         let Self {
             driver,
-            clock,
             camera,
             clouds,
-            ..
         } = self;
+        if camera.open_if_due(now) {
+            driver.connected();
+        }
         let mut publish = |view: &CloudView<'_>| {
-            let header = SampleHeader {
-                capture: view.capture,
-                ..SampleHeader::default()
-            };
-            clouds.write(header.derived(Stage::Sensor, view.capture), |cloud| {
-                view.write(cloud);
-            });
+            clouds.write(measured_at(view.capture), |cloud| view.write(cloud));
         };
         camera.read(now, || clock.now(), |image| driver.image(image, &mut publish));
+        camera.due()
     }
 
-    /// What a second instance can show without the device: that it runs, and can write clouds. None of them is
-    /// published.
+    fn close(&mut self) {
+        self.camera.close();
+    }
+
+    fn standby_hz(&self) -> u32 {
+        self.driver.spec().rate_hz as u32
+    }
+
     fn run_as_standby(&mut self, now: Timestamp) {
-        let spec = self.driver.spec();
-        if !self.ownership.is_standby_due(now, spec.rate_hz as u32) {
-            return;
-        }
         let view = CloudView {
-            spec,
+            spec: self.driver.spec(),
             capture: now,
             depths: &[],
         };
@@ -118,10 +78,11 @@ impl DepthCameraService {
             .write(SampleHeader::at(now), |cloud| view.write(cloud));
     }
 
+    fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
+        self.driver.take_change(now)
+    }
+
     fn report(&mut self, now: Timestamp) {
-        if !self.ownership.is_report_due(now) {
-            return;
-        }
         let counters = self.driver.counters(now);
         tracing::info!(
             good = counters.good,
@@ -135,5 +96,11 @@ impl DepthCameraService {
             "{}",
             self.driver.spec().name
         );
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        let mut watched = [None; WATCHED_FDS];
+        watched[0] = self.camera.watched();
+        watched
     }
 }

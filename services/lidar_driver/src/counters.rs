@@ -1,11 +1,9 @@
-//! What has become of a sensor's data, and whether it still sends any.
+//! What has become of a sensor's data.
 
 use crate::decode::Fault;
-use jink_shared_types::Timestamp;
-use jink_shared_types::events::{EventSample, LIDAR_BACK, LIDAR_LOST};
 
 /// Silence that is reported to the pilot (s), as of a rangefinder.
-const SILENCE_S: f64 = 1.0;
+pub const LOSS_S: f64 = 1.0;
 
 /// Counts since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,79 +40,5 @@ impl LidarCounters {
             Fault::Late => &mut self.late,
             Fault::Other => &mut self.other,
         } += 1;
-    }
-}
-
-/// A change to report to the pilot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LidarChange {
-    /// The sensor is silent, or gone.
-    Lost,
-    /// It measures again.
-    Back,
-}
-
-impl LidarChange {
-    /// As an event about the sensor called `name`.
-    pub fn event(self, name: &str) -> EventSample {
-        let event = match self {
-            Self::Lost => &LIDAR_LOST,
-            Self::Back => &LIDAR_BACK,
-        };
-        EventSample::new(event, name, [0.0; 2])
-    }
-}
-
-/// Watches for silence: each loss and each return is reported once.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SilenceMonitor {
-    received: Timestamp,
-    waiting: Timestamp,
-    loss_reported: bool,
-}
-
-impl SilenceMonitor {
-    /// Something was measured, received at `now`.
-    pub fn received(&mut self, now: Timestamp) {
-        self.received = now;
-    }
-
-    /// Whether nothing was received for a while; true before the first time, too.
-    pub fn is_silent(&self, now: Timestamp, silence_s: f64) -> bool {
-        !self.received.is_set() || now.seconds_since(self.received) > silence_s
-    }
-
-    /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
-        if !self.waiting.is_set() {
-            self.waiting = now;
-        }
-        let silent = now.seconds_since(self.received.max(self.waiting)) > SILENCE_S;
-        if silent == self.loss_reported {
-            return None;
-        }
-        self.loss_reported = silent;
-        Some(if silent {
-            LidarChange::Lost
-        } else {
-            LidarChange::Back
-        })
-    }
-}
-
-/// The rate between two looks.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Rate(Timestamp, u64);
-
-impl Rate {
-    /// Per second since the last look (Hz); zero at the first.
-    pub fn look(&mut self, now: Timestamp, count: u64) -> f64 {
-        let Self(time, before) = std::mem::replace(self, Self(now, count));
-        let since_s = now.seconds_since(time);
-        if time.is_set() && since_s > 0.0 {
-            (count - before) as f64 / since_s
-        } else {
-            0.0
-        }
     }
 }

@@ -9,9 +9,10 @@
 use crate::clock_filter::ClockFilter;
 use crate::cloud::CloudAssembler;
 use crate::config::LidarSpec;
-use crate::counters::{LidarChange, LidarCounters, Rate, SilenceMonitor};
+use crate::counters::{LOSS_S, LidarCounters};
 use crate::decode::{Decode, Fault, Item};
 use crate::decoder::Decoder;
+use jink_runtime::device::{DeviceChange, Rate, SilenceMonitor};
 use jink_shared_types::Timestamp;
 use std::net::IpAddr;
 
@@ -48,7 +49,7 @@ impl NetworkLidarDriver {
             clock: ClockFilter::default(),
             cloud: CloudAssembler::new(spec.cloud.clone(), None),
             counters: LidarCounters::default(),
-            silence: SilenceMonitor::default(),
+            silence: SilenceMonitor::new(LOSS_S),
             sender: spec.sensor_address,
             behind: 0,
             last: Timestamp::NEVER,
@@ -181,7 +182,7 @@ impl NetworkLidarDriver {
     }
 
     /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
+    pub fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
         self.silence.take_change(now)
     }
 

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | datagrams with the time at which they arrived ([`NetworkLidarDriver::datagram`]) | point clouds in the body frame ([`CloudAssembler::write`]) |
 //! | bytes of a serial line ([`ScannerDriver::bytes`]) | range scans ([`Turn::write`]), what is to be written to the scanner |
-//! | time | changes to report to the pilot ([`LidarChange`]), messages that set a sensor up ([`livox::control`]) |
+//! | time | changes to report to the pilot ([`DeviceChange`](jink_runtime::device::DeviceChange)), messages that set a sensor up ([`livox::control`]) |
 //!
 //! | module | holds |
 //! |---|---|
@@ -41,7 +41,7 @@ pub mod velodyne;
 
 pub use cloud::CloudAssembler;
 pub use config::{LidarSpec, Mistake};
-pub use counters::{LidarChange, LidarCounters};
+pub use counters::LidarCounters;
 pub use decoder::Decoder;
 pub use driver::NetworkLidarDriver;
 pub use scanner::driver::ScannerDriver;

@@ -1,21 +1,6 @@
 //! The models: everything that differs between them but the decoding, in one table.
 //!
-//! | `model` | device | kind | connection | range (m) | one standard deviation (m) |
-//! |---|---|---|---|---|---|
-//! | `ouster` | Ouster OS0, OS1, OS2 | `lidar_3d` | UDP | 0.3 to 240 | 0.03 |
-//! | `vlp16` | Velodyne VLP-16 (Puck), Puck LITE | `lidar_3d` | UDP | 0.5 to 100 | 0.03 |
-//! | `vlp16_hires` | Velodyne Puck Hi-Res | `lidar_3d` | UDP | 0.5 to 100 | 0.03 |
-//! | `livox_mid360` | Livox Mid-360 | `lidar_3d` | UDP | 0.1 to 70 | 0.03 |
-//! | `livox_avia` | Livox Avia | `lidar_3d` | UDP | 1 to 320 | 0.03 |
-//! | `ld06` | LDROBOT LD06 | `lidar_2d` | serial, 230400 bit/s | 0.02 to 12 | 0.05 |
-//! | `ld19` | LDROBOT LD19 | `lidar_2d` | serial, 230400 bit/s | 0.02 to 12 | 0.05 |
-//! | `stl27l` | LDROBOT STL-27L | `lidar_2d` | serial, 921600 bit/s | 0.03 to 25 | 0.05 |
-//! | `rplidar_a1` | SLAMTEC RPLIDAR A1 | `lidar_2d` | serial, 115200 bit/s | 0.15 to 12 | 0.06 |
-//! | `rplidar_a2` | SLAMTEC RPLIDAR A2 | `lidar_2d` | serial, 115200 bit/s | 0.15 to 16 | 0.06 |
-//! | `rplidar_a3` | SLAMTEC RPLIDAR A3 | `lidar_2d` | serial, 256000 bit/s | 0.15 to 25 | 0.06 |
-//! | `rplidar_s1` | SLAMTEC RPLIDAR S1 | `lidar_2d` | serial, 256000 bit/s | 0.1 to 40 | 0.05 |
-//! | `rplidar_s2` | SLAMTEC RPLIDAR S2 | `lidar_2d` | serial, 1000000 bit/s | 0.05 to 30 | 0.05 |
-//! | `rplidar_c1` | SLAMTEC RPLIDAR C1 | `lidar_2d` | serial, 460800 bit/s | 0.05 to 12 | 0.05 |
+//! docs/lidars.md says which devices they are.
 //!
 //! Ranges are those of the data sheets for targets that reflect well. A return from beyond `range_max_m` means that the
 //! ray is free up to there; where nothing returned nothing is known, unless the table declares `no_return = "clear"`. A

@@ -2,7 +2,7 @@
 
 use crate::cloud::CloudAssembler;
 use crate::config::LidarSpec;
-use crate::counters::{LidarChange, LidarCounters};
+use crate::counters::LidarCounters;
 use crate::datagrams::{self, Datagrams};
 use crate::decoder::Decoder;
 use crate::driver::NetworkLidarDriver;
@@ -11,6 +11,7 @@ use crate::livox::control::{Addresses, Control, ControlReply, SDK1_BROADCAST_POR
 use crate::models::NetworkProtocol;
 use crate::ouster::request::MetadataRequest;
 use jink_runtime::Clock;
+use jink_runtime::device::DeviceChange;
 use jink_shared_types::Timestamp;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -118,7 +119,7 @@ impl NetworkLidar {
     }
 
     /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
+    pub fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
         self.driver.take_change(now)
     }
 

@@ -2,79 +2,64 @@
 
 use crate::cloud::CloudAssembler;
 use crate::config::{Device, LidarSpec, Mistake, SensorTable};
-use crate::counters::{LidarChange, LidarCounters};
 use crate::models::{Connection, SerialProtocol};
 use crate::network::NetworkLidar;
 use crate::scanner::driver::ScannerDriver;
 use crate::scanner::turn::Turn;
-use jink_runtime::serial::{Port, Read};
+use jink_runtime::device::{DeviceChange, Driver, measured_at, needs, read_port};
+use jink_runtime::serial::Port;
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Clock, Cycle, DeviceOwnership, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Output, Ports, StartError};
+use jink_shared_types::events::{Event, LIDAR_BACK, LIDAR_LOST};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
-use std::fmt;
 use std::os::fd::BorrowedFd;
 
-/// Read at once: what the fastest scanner sends in a hundredth of a second.
-const READ_BYTES: usize = 1024;
-/// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
-const READS: usize = 16;
-
-/// A network lidar or a scanner, with its topic.
+/// The service: see [`crate`]. A network lidar or a scanner, with its topic.
+#[derive(Debug)]
 #[allow(
     clippy::large_enum_variant,
     reason = "there is one in a process: a box would save nothing"
 )]
-enum LidarInterface {
+pub enum LidarService {
+    /// On the network.
     Network {
+        /// The lidar.
         lidar: NetworkLidar,
+        /// Its topic.
         clouds: Output<PointCloud>,
     },
+    /// On a serial port.
     Serial {
+        /// The scanner.
         scanner: ScannerDriver,
+        /// Its port.
         port: Port,
         /// The motor of the scanner turns while DTR is off.
         dtr_off: bool,
+        /// Its topic.
         scans: Output<RangeScan>,
     },
 }
 
-/// The service: see [`crate`].
-pub struct LidarService {
-    name: String,
-    rate_hz: f64,
-    interface: LidarInterface,
-    clock: Clock,
-    ownership: DeviceOwnership,
-}
-
-impl fmt::Debug for LidarService {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "LidarService({})", self.name)
-    }
-}
-
-impl Service for LidarService {
+impl Driver for LidarService {
     const PROGRAM: &'static str = "lidar_driver";
+    const EVENTS: [&'static Event; 2] = [&LIDAR_LOST, &LIDAR_BACK];
 
-    fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = ports.setup().sensor_name()?;
+    fn open(ports: &mut Ports, name: &str, tables: &[SensorTable]) -> Result<Self, StartError> {
+        const WHAT: &str = "the lidar";
         let folder = ports.setup().config.clone();
-        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&folder)?;
-        let needs = |cause: String| StartError::Needs {
-            what: "the lidar".to_owned(),
-            cause,
-        };
-        let spec = LidarSpec::find(&tables, &name).map_err(|mistake| needs(located(&folder, &mistake)))?;
+        let spec =
+            LidarSpec::find(tables, name).map_err(|mistake| needs(WHAT, &located(&folder, &mistake)))?;
         let rate_hz = spec.rate_hz;
-        let interface = match spec.model.connection {
-            Connection::Network(protocol) => LidarInterface::Network {
-                clouds: ports.range_output(topics::RANGE_CLOUD, &name, rate_hz)?,
+        Ok(match spec.model.connection {
+            Connection::Network(protocol) => Self::Network {
+                clouds: ports.range_output(topics::RANGE_CLOUD, name, rate_hz)?,
                 lidar: NetworkLidar::new(spec, protocol)
-                    .map_err(|error| needs(format!("sensor {name:?}: metadata: {error}")))?,
+                    .map_err(|error| needs(WHAT, &format_args!("sensor {name:?}: metadata: {error}")))?,
             },
-            Connection::Serial(protocol) => LidarInterface::Serial {
-                scans: ports.range_output(topics::RANGE_SCAN, &name, rate_hz)?,
+            Connection::Serial(protocol) => Self::Serial {
+                scans: ports.range_output(topics::RANGE_SCAN, name, rate_hz)?,
                 port: port_of(&spec),
                 dtr_off: matches!(
                     protocol,
@@ -85,78 +70,9 @@ impl Service for LidarService {
                 ),
                 scanner: ScannerDriver::new(spec, protocol),
             },
-        };
-        Ok(Self {
-            name,
-            rate_hz,
-            interface,
-            ownership: DeviceOwnership::new(ports),
-            clock: ports.clock(),
         })
     }
 
-    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
-        let now = cycle.now;
-        if !self.ownership.owns(now) {
-            self.interface.close();
-            self.run_as_standby(now);
-            return self.ownership.standby_wake(now);
-        }
-        let due = self.interface.run(&self.clock, now);
-        if let Some(change) = self.interface.take_change(now) {
-            cycle.events.publish(now, &change.event(&self.name));
-        }
-        self.report(now);
-        Wake::at(DeviceOwnership::owner_due(now).min(due))
-    }
-
-    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
-        let mut watched = [None; WATCHED_FDS];
-        match &self.interface {
-            LidarInterface::Network { lidar, .. } => {
-                for (place, fd) in watched.iter_mut().zip(lidar.watched()) {
-                    *place = fd;
-                }
-            }
-            LidarInterface::Serial { port, .. } => watched[0] = port.watched(),
-        }
-        watched
-    }
-}
-
-impl LidarService {
-    /// What a second instance can show without the sensor: that it runs, and can write its samples. None of them is
-    /// published.
-    fn run_as_standby(&mut self, now: Timestamp) {
-        if self.ownership.is_standby_due(now, self.rate_hz.round() as u32) {
-            self.interface.run_as_standby(now);
-        }
-    }
-
-    fn report(&mut self, now: Timestamp) {
-        if !self.ownership.is_report_due(now) {
-            return;
-        }
-        let counters = self.interface.counters(now);
-        tracing::info!(
-            published = counters.published,
-            good = counters.good,
-            lost = counters.lost,
-            foreign = counters.foreign,
-            damaged = counters.damaged,
-            doubled = counters.doubled,
-            late = counters.late,
-            other = counters.other,
-            overflow = counters.overflow,
-            rate_hz = counters.rate_hz,
-            "{}",
-            self.name
-        );
-    }
-}
-
-impl LidarInterface {
-    /// Reads what has arrived, and publishes what it completes. Returns when to run again.
     fn run(&mut self, clock: &Clock, now: Timestamp) -> Timestamp {
         match self {
             Self::Network { lidar, clouds } => lidar.run(clock, now, &mut |cloud: &CloudAssembler| {
@@ -178,24 +94,11 @@ impl LidarInterface {
                     scanner.connected(now);
                 }
                 let mut publish = |turn: &Turn| {
-                    let header = SampleHeader {
-                        capture: turn.capture(),
-                        ..SampleHeader::default()
-                    };
-                    scans.write(header.derived(Stage::Sensor, turn.capture()), |scan| {
-                        turn.write(scan);
-                    });
+                    scans.write(measured_at(turn.capture()), |scan| turn.write(scan));
                 };
-                let mut bytes = [0; READ_BYTES];
-                for _ in 0..READS {
-                    let Read::Bytes(count) = port.read(now, &mut bytes) else {
-                        break;
-                    };
-                    scanner.bytes(clock.now(), &bytes[..count], &mut publish);
-                    if count < READ_BYTES {
-                        break;
-                    }
-                }
+                read_port(port, clock, now, |arrived, bytes| {
+                    scanner.bytes(arrived, bytes, &mut publish);
+                });
                 while let Some(bytes) = scanner.next_write(now).filter(|_| port.is_open()) {
                     port.write(now, bytes);
                 }
@@ -211,18 +114,8 @@ impl LidarInterface {
         }
     }
 
-    fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
-        match self {
-            Self::Network { lidar, .. } => lidar.take_change(now),
-            Self::Serial { scanner, .. } => scanner.take_change(now),
-        }
-    }
-
-    fn counters(&mut self, now: Timestamp) -> LidarCounters {
-        match self {
-            Self::Network { lidar, .. } => lidar.counters(now),
-            Self::Serial { scanner, .. } => scanner.counters(now),
-        }
+    fn standby_hz(&self) -> u32 {
+        self.spec().rate_hz.round() as u32
     }
 
     fn run_as_standby(&mut self, now: Timestamp) {
@@ -240,6 +133,56 @@ impl LidarInterface {
                     scan.first_beam = now;
                 });
             }
+        }
+    }
+
+    fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
+        match self {
+            Self::Network { lidar, .. } => lidar.take_change(now),
+            Self::Serial { scanner, .. } => scanner.take_change(now),
+        }
+    }
+
+    fn report(&mut self, now: Timestamp) {
+        let counters = match self {
+            Self::Network { lidar, .. } => lidar.counters(now),
+            Self::Serial { scanner, .. } => scanner.counters(now),
+        };
+        tracing::info!(
+            published = counters.published,
+            good = counters.good,
+            lost = counters.lost,
+            foreign = counters.foreign,
+            damaged = counters.damaged,
+            doubled = counters.doubled,
+            late = counters.late,
+            other = counters.other,
+            overflow = counters.overflow,
+            rate_hz = counters.rate_hz,
+            "{}",
+            self.spec().name
+        );
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        let mut watched = [None; WATCHED_FDS];
+        match self {
+            Self::Network { lidar, .. } => {
+                for (place, fd) in watched.iter_mut().zip(lidar.watched()) {
+                    *place = fd;
+                }
+            }
+            Self::Serial { port, .. } => watched[0] = port.watched(),
+        }
+        watched
+    }
+}
+
+impl LidarService {
+    fn spec(&self) -> &LidarSpec {
+        match self {
+            Self::Network { lidar, .. } => lidar.spec(),
+            Self::Serial { scanner, .. } => scanner.spec(),
         }
     }
 }

@@ -1,15 +1,6 @@
 //! The models: everything that differs between them, in one table.
 //!
-//! | `model` | device | line (bit/s) | beam (deg) | rate (Hz) | range (m) | scans |
-//! |---|---|---|---|---|---|---|
-//! | `sf45b` | LightWare SF45/B | 921600 | 0.5 | 1000 | 0.2 to 50 | up to 320 deg |
-//! | `cm8jl65` | Lanbao PSK-CM8JL65-CC5 | 115200 | 2.8 | 20 | 0.17 to 6 | - |
-//! | `tfmini` | Benewake TFmini | 115200 | 2.3 | 100 | 0.3 to 12 | - |
-//! | `tfmini_s` | Benewake TFmini-S | 115200 | 2 | 100 | 0.1 to 12 | - |
-//! | `tfmini_plus` | Benewake TFmini Plus | 115200 | 3.6 | 100 | 0.1 to 12 | - |
-//! | `tf_luna` | Benewake TF-Luna | 115200 | 2 | 100 | 0.2 to 8 | - |
-//! | `sf11c` | LightWare SF11/C | 115200 | 0.2 | 20 | 0.2 to 120 | - |
-//! | `lw20c` | LightWare LW20/C, SF20/C | 115200 | 0.5 | 20 | 0.2 to 100 | - |
+//! docs/rangefinders.md says which devices they are.
 //!
 //! Every beam is a round cone: its opening angle is the same in height and in width.
 //!

@@ -12,8 +12,8 @@ use crate::device_protocol::DeviceProtocol;
 use crate::devices::Range;
 use crate::scan_assembler::{ScanAssembler, ScanPart};
 use crate::scan_view::ScanView;
+use jink_runtime::device::{DeviceChange, Rate, SilenceMonitor};
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{EventSample, RANGEFINDER_BACK, RANGEFINDER_LOST};
 
 /// Bits of a byte on the line: a start and a stop bit besides its own eight.
 const BITS_PER_BYTE: f64 = 10.0;
@@ -26,32 +26,12 @@ const SILENCE_S: f64 = 1.0;
 pub struct RangefinderCounters {
     /// Measurements that were read.
     pub good: u64,
-    /// What last_counted like a frame and was none.
+    /// What looked like a frame and was none.
     pub damaged: u64,
     /// Bytes that belong to no frame.
     pub skipped_bytes: u64,
     /// Measurements per second since the last call (Hz).
     pub rate_hz: f64,
-}
-
-/// A change to report to the pilot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RangefinderChange {
-    /// The sensor is silent, or gone.
-    Lost,
-    /// It measures again.
-    Back,
-}
-
-impl RangefinderChange {
-    /// As an event about the sensor called `name`.
-    pub fn event(self, name: &str) -> EventSample {
-        let event = match self {
-            Self::Lost => &RANGEFINDER_LOST,
-            Self::Back => &RANGEFINDER_BACK,
-        };
-        EventSample::new(event, name, [0.0; 2])
-    }
 }
 
 #[derive(Clone, Debug)]
@@ -75,11 +55,8 @@ pub struct RangefinderDriver {
     measured: u64,
     /// Time of the newest measurement.
     newest: Timestamp,
-    /// When a measurement came last, and since when one is waited for.
-    last_measured: Timestamp,
-    waiting: Timestamp,
-    loss_reported: bool,
-    last_counted: (Timestamp, u64),
+    silence: SilenceMonitor,
+    rate: Rate,
 }
 
 impl RangefinderDriver {
@@ -98,10 +75,8 @@ impl RangefinderDriver {
             assembly,
             measured: 0,
             newest: Timestamp::NEVER,
-            last_measured: Timestamp::NEVER,
-            waiting: Timestamp::NEVER,
-            loss_reported: false,
-            last_counted: (Timestamp::NEVER, 0),
+            silence: SilenceMonitor::new(SILENCE_S),
+            rate: Rate::default(),
             spec,
         }
     }
@@ -168,37 +143,18 @@ impl RangefinderDriver {
     }
 
     /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn take_change(&mut self, now: Timestamp) -> Option<RangefinderChange> {
-        if !self.waiting.is_set() {
-            self.waiting = now;
-        }
-        let silent = now.seconds_since(self.last_measured.max(self.waiting)) > SILENCE_S;
-        let changed = if self.loss_reported { !silent } else { silent };
-        if !changed {
-            return None;
-        }
-        self.loss_reported = silent;
-        Some(if silent {
-            RangefinderChange::Lost
-        } else {
-            RangefinderChange::Back
-        })
+    pub fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
+        self.silence.take_change(now)
     }
 
     /// What was received on the line, with the rate since the last call.
     pub fn counters(&mut self, now: Timestamp) -> RangefinderCounters {
         let counts = self.decoder.counts();
-        let (time, measured) = std::mem::replace(&mut self.last_counted, (now, self.measured));
-        let since_s = now.seconds_since(time);
         RangefinderCounters {
             good: self.measured,
             damaged: counts.damaged,
             skipped_bytes: counts.skipped_bytes,
-            rate_hz: if time.is_set() && since_s > 0.0 {
-                (self.measured - measured) as f64 / since_s
-            } else {
-                0.0
-            },
+            rate_hz: self.rate.look(now, self.measured),
         }
     }
 
@@ -213,7 +169,7 @@ impl RangefinderDriver {
             FrameContent::Acknowledged(number) => self.device.acknowledged(number),
             FrameContent::Measured { yaw_rad, answer } => {
                 self.measured += 1;
-                self.last_measured = arrived;
+                self.silence.received(arrived);
                 self.device.measured(arrived);
                 let range = self.spec.reach.range(answer);
                 // Two reads in quick succession may date their bytes in each other's time.

@@ -30,6 +30,6 @@ mod service;
 pub use config::{Mistake, RangefinderSpec};
 pub use decode::{Decoder, FrameContent, RangeReading};
 pub use devices::{Range, RangefinderModel};
-pub use driver::{RangefinderChange, RangefinderCounters, RangefinderDriver};
+pub use driver::{RangefinderCounters, RangefinderDriver};
 pub use scan_view::ScanView;
 pub use service::RangefinderService;

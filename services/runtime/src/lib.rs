@@ -49,7 +49,7 @@
 //! | [`heartbeat`] | cycle statistics |
 //! | [`param_store`] | changed parameters that outlive the process that changed them |
 //! | [`ranges`] | the range topics of all configured sensors |
-//! | [`device`] | a driver's device: who reads it, and when the others run |
+//! | [`device`] | drivers: who reads a device, when the others run, what no driver does differently |
 //! | [`cleanup`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
 //! | [`procfs`] | what the kernel says of processes and of the board |
@@ -91,7 +91,6 @@ mod transport;
 pub use jink_config as config;
 
 pub use clock::Clock;
-pub use device::DeviceOwnership;
 pub use events::EventSender;
 pub use input::{Checks, Input};
 pub use instance::Instance;

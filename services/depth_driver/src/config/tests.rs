@@ -153,14 +153,6 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
              out with border_px"
                 .to_owned(),
         ),
-        (
-            format!("{SHORT}orientation = \"left\"\nyaw_deg = 5\n"),
-            "orientation, yaw_deg with pitch_deg and roll_deg, and quaternion say the same: give one of them".to_owned(),
-        ),
-        (
-            format!("{SHORT}quaternion = [1, 0, 0]\n"),
-            "quaternion = [1, 0, 0] is not possible; possible: [w, x, y, z], four numbers".to_owned(),
-        ),
     ] {
         assert_eq!(
             read(&keys).unwrap_err().to_string(),
@@ -168,20 +160,4 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
             "{keys}"
         );
     }
-}
-
-#[test]
-fn a_sensor_that_is_not_there_or_of_another_kind_is_reported_as_such() {
-    let two = tables(
-        "[[sensor]]\nname = \"lidar\"\nkind = \"lidar_3d\"\n[[sensor]]\nname = \"front\"\nkind = \"depth_camera\"\n",
-    );
-    let said = |name| DepthCameraSpec::find(&two, name).unwrap_err().to_string();
-    assert_eq!(
-        said("rear"),
-        "there is no sensor \"rear\"; the configuration has lidar, front"
-    );
-    assert_eq!(
-        said("lidar"),
-        "sensor \"lidar\" is a lidar_3d; this driver is for the kind depth_camera"
-    );
 }

@@ -4,7 +4,8 @@
 use crate::images::small;
 use jink_depth_driver::camera::Camera;
 use jink_depth_driver::v4l2::Wanted;
-use jink_depth_driver::{DepthCameraChange, DepthCameraCounters, DepthCameraDriver};
+use jink_depth_driver::{DepthCameraCounters, DepthCameraDriver};
+use jink_runtime::device::DeviceChange;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::PointCloud;
 use jink_testkit::video_device::{Errno, Fault, State, VideoDevice};
@@ -375,10 +376,10 @@ fn a_frozen_image_is_not_published_and_reported_once() {
     assert_eq!((rig.clouds, rig.counters().repeated), (1, 20));
     assert_eq!(rig.driver.take_change(now()), None);
     let later = now().plus_seconds(1.5);
-    assert_eq!(rig.driver.take_change(later), Some(DepthCameraChange::Lost));
+    assert_eq!(rig.driver.take_change(later), Some(DeviceChange::Lost));
     assert_eq!(rig.driver.take_change(later.plus_seconds(9.0)), None);
     rig.captured(1_001, Fault::default());
-    assert_eq!(rig.driver.take_change(now()), Some(DepthCameraChange::Back));
+    assert_eq!(rig.driver.take_change(now()), Some(DeviceChange::Back));
     assert_eq!(rig.clouds, 2);
 }
 

@@ -126,10 +126,6 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
             "model = \"ouster\"\ndevice = \"udp:0.0.0.0:7502\"\n",
             "sensor \"top\": `metadata` is missing; possible: the path of a file made by `curl http://SENSOR/api/v1/sensor/metadata -o FILE`; or give sensor_address, where the driver asks for them itself",
         ),
-        (
-            "model = \"vlp16\"\ndevice = \"udp:0.0.0.0:2368\"\norientation = \"left\"\nyaw_deg = 5\n",
-            "sensor \"top\": orientation, yaw_deg with pitch_deg and roll_deg, and quaternion say the same: give one of them",
-        ),
     ] {
         assert_eq!(read(keys).unwrap_err().to_string(), said);
     }

@@ -9,8 +9,9 @@ use super::rplidar::{Rplidar, Setup};
 use super::turn::Turn;
 use super::{Sample, SampleCounts};
 use crate::config::{Device, LidarSpec};
-use crate::counters::{LidarChange, LidarCounters, Rate, SilenceMonitor};
+use crate::counters::{LOSS_S, LidarCounters};
 use crate::models::SerialProtocol;
+use jink_runtime::device::{DeviceChange, Rate, SilenceMonitor};
 use jink_shared_types::Timestamp;
 
 /// Bits of a byte on the line: a start and a stop bit besides its own eight.
@@ -59,7 +60,7 @@ impl ScannerDriver {
             turn: Turn::new(&spec.cloud, spec.beams),
             published: 0,
             newest: Timestamp::NEVER,
-            silence: SilenceMonitor::default(),
+            silence: SilenceMonitor::new(LOSS_S),
             rate: Rate::default(),
             spec,
         }
@@ -148,7 +149,7 @@ impl ScannerDriver {
     }
 
     /// Whether the scanner has fallen silent, or measures again; once per change.
-    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
+    pub fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
         self.silence.take_change(now)
     }
 

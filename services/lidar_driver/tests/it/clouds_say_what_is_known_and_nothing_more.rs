@@ -3,7 +3,8 @@
 
 use crate::encoder::{ouster_metadata, ouster_standard, spec, vlp16};
 use jink_lidar_driver::ouster::Metadata;
-use jink_lidar_driver::{CloudAssembler, Decoder, LidarChange, NetworkLidarDriver};
+use jink_lidar_driver::{CloudAssembler, Decoder, NetworkLidarDriver};
+use jink_runtime::device::DeviceChange;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud, RayKind};
 use std::net::{IpAddr, Ipv4Addr};
@@ -283,8 +284,8 @@ fn a_sensor_that_falls_silent_is_reported_once_and_so_is_its_return() {
     }
     assert_eq!(update.len(), 2, "{update:?}");
     assert!(
-        matches!(update[0], (2_000..=2_002, LidarChange::Lost))
-            && matches!(update[1], (4_000..=4_002, LidarChange::Back)),
+        matches!(update[0], (2_000..=2_002, DeviceChange::Lost))
+            && matches!(update[1], (4_000..=4_002, DeviceChange::Back)),
         "{update:?}"
     );
 }

@@ -3,8 +3,8 @@
 
 use crate::encoder::device::Device;
 use crate::encoder::spec;
-use jink_rangefinder_driver::RangefinderDriver;
-use jink_rangefinder_driver::driver::RangefinderChange;
+use jink_rangefinder_driver::{RangefinderDriver, RangefinderService};
+use jink_runtime::device::{DeviceChange, Driver};
 use jink_shared_types::Timestamp;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::ranges::RangeScan;
@@ -18,7 +18,7 @@ fn run(
     start_ms: u64,
     ms: u64,
     connected: bool,
-) -> (Vec<RangeScan>, Vec<RangefinderChange>) {
+) -> (Vec<RangeScan>, Vec<DeviceChange>) {
     let (mut scans, mut update) = (Vec::new(), Vec::new());
     for step in start_ms..start_ms + ms {
         let now = Timestamp::from_ns(1_000_000_000 + step * STEP_NS);
@@ -103,11 +103,11 @@ fn silence_is_reported_once_and_so_is_its_end() {
     let (mut driver, mut device) = start();
     run(&mut driver, &mut device, 0, 1_000, true);
     let (_, lost) = run(&mut driver, &mut device, 1_000, 3_000, false);
-    assert_eq!(lost, [RangefinderChange::Lost]);
+    assert_eq!(lost, [DeviceChange::Lost]);
     device.reset();
     driver.connected(Timestamp::from_ns(5_000_000_000));
     let (scans, back) = run(&mut driver, &mut device, 4_000, 1_000, true);
-    assert_eq!(back, [RangefinderChange::Back]);
+    assert_eq!(back, [DeviceChange::Back]);
     assert!(scans.len() > 15);
 }
 
@@ -116,13 +116,13 @@ fn a_sensor_that_never_sends_is_reported_too() {
     let (mut driver, mut device) = start();
     let (scans, update) = run(&mut driver, &mut device, 0, 3_000, false);
     assert!(scans.is_empty() && device.commands.is_empty());
-    assert_eq!(update, [RangefinderChange::Lost]);
+    assert_eq!(update, [DeviceChange::Lost]);
     assert_eq!(
-        RangefinderChange::Lost.event("front").text(),
+        RangefinderService::event(DeviceChange::Lost, "front").text(),
         "jink: rangefinder front lost"
     );
     assert_eq!(
-        RangefinderChange::Back.event("front").text(),
+        RangefinderService::event(DeviceChange::Back, "front").text(),
         "jink: rangefinder front back"
     );
 }

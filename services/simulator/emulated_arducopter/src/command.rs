@@ -7,14 +7,13 @@ use super::ArduCopter;
 use super::guided::Submode;
 use super::setpoint::{Request, YawRequest};
 use super::streams::Stream;
-use jink_emulated_autopilot::command_place::CommandPlace;
+use jink_emulated_autopilot::command_place::{CommandPlace, command_of};
 use jink_emulated_autopilot::link::{Link, Packet};
 use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use mavlink::MavHeader;
 use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag, MavProtocolCapability,
-    MavResult, MavSeverity, STATUSTEXT_DATA,
+    MavResult, MavSeverity,
 };
 use nalgebra::Vector3;
 
@@ -22,20 +21,17 @@ use nalgebra::Vector3;
 const FLIGHT_SOFTWARE_VERSION: u32 = 4 << 24 | 7 << 16;
 
 impl ArduCopter {
-    /// Executes a command and acknowledges it to its sender. `place`: where it leads.
-    pub(super) fn execute(
-        &mut self,
-        link: Link,
-        header: &MavHeader,
-        command: &COMMAND_LONG_DATA,
-        place: CommandPlace,
-        outbox: &mut Vec<Packet>,
-    ) {
-        let result = self.result_of(link, command, place, outbox);
-        let ack = messages::acknowledgement(header, command.command, result);
-        self.wire.send(outbox, link, ack);
+    /// Executes the command in `packet` and acknowledges it to its sender.
+    pub(super) fn execute(&mut self, packet: &Packet, outbox: &mut Vec<Packet>) {
+        let Some((command, place)) = command_of(&packet.message) else {
+            return;
+        };
+        let result = self.result_of(packet.link, &command, place, outbox);
+        let ack = messages::acknowledgement(&packet.header, command.command, result);
+        self.wire.send(outbox, packet.link, ack);
     }
 
+    /// `place`: where the command leads.
     fn result_of(
         &mut self,
         link: Link,
@@ -94,16 +90,18 @@ impl ArduCopter {
         }
         let on_ground = self.land_detector.is_landed();
         let reason = if mode.needs_position() && !self.is_ready() {
-            Some(text(mode, "requires position"))
+            Some("requires position")
         } else if mode == Mode::Auto && self.mission.len() < 2 {
-            Some(text(mode, "init failed"))
+            Some("init failed")
         } else if mode == Mode::Auto && on_ground && self.armed && !self.begins_with_takeoff() {
-            Some(text(mode, "Missing Takeoff Cmd"))
+            Some("Missing Takeoff Cmd")
         } else {
             None
         };
         if let Some(reason) = reason {
-            self.wire.broadcast(outbox, &reason);
+            let (severity, name) = (MavSeverity::MAV_SEVERITY_WARNING, mode.name());
+            let text = format_args!("Mode change to {name} failed: {reason}");
+            self.wire.say_with(outbox, severity, text);
             return MavResult::MAV_RESULT_FAILED;
         }
         self.enter(mode);
@@ -206,12 +204,8 @@ impl ArduCopter {
         if self.streams.set_interval(self.now_us, link, id, interval_us) {
             return MavResult::MAV_RESULT_ACCEPTED;
         }
-        let missing = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-            severity: MavSeverity::MAV_SEVERITY_INFO,
-            text: format!("No ap_message for mavlink id ({id})").as_str().into(),
-            ..STATUSTEXT_DATA::default()
-        });
-        self.wire.broadcast(outbox, &missing);
+        let text = format_args!("No ap_message for mavlink id ({id})");
+        self.wire.say_with(outbox, MavSeverity::MAV_SEVERITY_INFO, text);
         MavResult::MAV_RESULT_DENIED
     }
 
@@ -228,15 +222,6 @@ impl ArduCopter {
         self.send_stream(link, stream, outbox);
         MavResult::MAV_RESULT_ACCEPTED
     }
-}
-
-fn text(mode: Mode, reason: &str) -> MavMessage {
-    let name = mode.name();
-    MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-        severity: MavSeverity::MAV_SEVERITY_WARNING,
-        text: format!("Mode change to {name} failed: {reason}").as_str().into(),
-        ..STATUSTEXT_DATA::default()
-    })
 }
 
 /// AUTOPILOT_VERSION.

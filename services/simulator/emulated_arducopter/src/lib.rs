@@ -11,7 +11,7 @@
 //! | file | idea |
 //! |---|---|
 //! | `receive`, `command`, `setpoint` | messages in, acknowledgements, what a setpoint asks for |
-//! | `parameters`, `parameter_protocol`, `sticks` | what is set: values, overrides of the sticks |
+//! | `parameters`, `sticks` | what is set: values, overrides of the sticks |
 //! | `arming`, `failsafe`, `proximity` | who may arm, the lost ground station, obstacles reported by a companion |
 //! | `guided`, `takeoff`, `auto`, `leg`, `land`, `loiter`, `avoid` | what a mode makes of the reference |
 //! | `shaping`, `position_control`, `auto_yaw`, `flight` | the reference to attitude and thrust |
@@ -30,7 +30,6 @@ mod guided;
 mod land;
 mod leg;
 mod loiter;
-mod parameter_protocol;
 mod parameters;
 mod position_control;
 mod proximity;
@@ -52,6 +51,7 @@ use jink_emulated_autopilot::link::{Link, Packet, Wire};
 use jink_emulated_autopilot::mission::{Dialect, ITEMS_MAX, Mission, MissionFrame, single};
 use jink_emulated_autopilot::mission_protocol::MissionProtocol;
 use jink_emulated_autopilot::modes::arducopter::Mode;
+use jink_emulated_autopilot::parameters::ParameterProtocol;
 use jink_emulated_autopilot::{Abort, Autopilot, MissionProgress, SetpointStatistics, UnknownParameter};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
@@ -61,7 +61,6 @@ use land::Return;
 use loiter::Loiter;
 use mavlink::dialect::MavSeverity;
 use nalgebra::Vector3;
-use parameter_protocol::ParameterProtocol;
 use parameters::{Parameter, Parameters};
 use position_control::PositionControl;
 use proximity::Proximity;

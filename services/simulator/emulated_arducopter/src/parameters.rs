@@ -3,7 +3,11 @@
 //! Everything else in ArduCopter's list of a thousand has no effect here and does not exist: as on the real one, setting an
 //! unknown name is ignored without a word. Numbers travel as they are, cast to float, whatever their type.
 
-use mavlink::dialect::MavParamType;
+use jink_emulated_autopilot::parameters::ParameterTable;
+use mavlink::dialect::{MavParamType, PARAM_SET_DATA, PARAM_VALUE_DATA};
+
+/// `param_index` of a value that was not asked for by its index.
+const BY_NAME: u16 = u16::MAX;
 
 /// How a parameter is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,7 +24,7 @@ pub enum Kind {
 
 impl Kind {
     /// Its type on the wire.
-    pub fn wire(self) -> MavParamType {
+    fn wire(self) -> MavParamType {
         match self {
             Kind::Byte => MavParamType::MAV_PARAM_TYPE_INT8,
             Kind::Short => MavParamType::MAV_PARAM_TYPE_INT16,
@@ -203,6 +207,38 @@ impl Parameters {
 /// The parameter called `name`.
 pub fn find(name: &str) -> Option<Parameter> {
     Parameter::ALL.iter().copied().find(|p| p.name() == name)
+}
+
+impl ParameterTable for Parameters {
+    fn count(&self) -> usize {
+        Parameter::ALL.len()
+    }
+
+    fn at(&self, index: usize) -> Option<PARAM_VALUE_DATA> {
+        let parameter = *Parameter::ALL.get(index)?;
+        Some(PARAM_VALUE_DATA {
+            param_value: self.get(parameter) as f32,
+            param_count: Parameter::ALL.len() as u16,
+            param_index: index as u16,
+            param_id: parameter.name().into(),
+            param_type: parameter.kind().wire(),
+        })
+    }
+
+    fn named(&self, name: &str) -> Option<PARAM_VALUE_DATA> {
+        let value = self.at(find(name)? as usize)?;
+        Some(PARAM_VALUE_DATA {
+            param_index: BY_NAME,
+            ..value
+        })
+    }
+
+    fn take(&mut self, name: &str, set: &PARAM_SET_DATA) -> Result<(), &'static str> {
+        if let Some(parameter) = find(name).filter(|_| set.param_value.is_finite()) {
+            self.set(parameter, f64::from(set.param_value));
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -9,8 +9,6 @@ use super::setpoint::{NotFinite, read};
 use super::{Abort, ArduCopter};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_autopilot::command_place::{CommandPlace, long_of};
-use jink_emulated_autopilot::link::COMPONENT_AVOIDANCE;
 use jink_emulated_autopilot::link::Packet;
 use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::mission_protocol::MissionChange;
@@ -28,13 +26,9 @@ const NO_FORWARD: u32 = 2;
 impl ArduCopter {
     /// Forwards a packet to the other link and takes it itself where it is meant.
     pub(super) fn receive(&mut self, packet: &Packet, outbox: &mut Vec<Packet>) {
-        if packet.link == Link::Companion && packet.header.component_id == COMPONENT_AVOIDANCE {
-            self.statistics.note_sequence(packet.header.sequence);
-        }
-        if self.may_forward(packet)
-            && let Some(forwarded) = self.wire.forward(packet)
-        {
-            outbox.push(forwarded);
+        self.statistics.note_packet(packet);
+        if self.may_forward(packet) {
+            outbox.extend(self.wire.forward(packet));
         }
         match &packet.message {
             // Setpoints: the target system counts, the target component does not.
@@ -87,14 +81,7 @@ impl ArduCopter {
                     self.sticks.receive(self.now_us, message);
                 }
             }
-            MavMessage::COMMAND_LONG(command) => {
-                let place = CommandPlace::of_long(command);
-                self.execute(packet.link, &packet.header, command, place, outbox);
-            }
-            MavMessage::COMMAND_INT(command) => {
-                let (long, place) = (long_of(command), CommandPlace::of_int(command));
-                self.execute(packet.link, &packet.header, &long, place, outbox);
-            }
+            MavMessage::COMMAND_LONG(_) | MavMessage::COMMAND_INT(_) => self.execute(packet, outbox),
             MavMessage::SET_MODE(set) => {
                 if let Some(mode) = Mode::of_custom(set.custom_mode) {
                     self.change_mode(mode, outbox);

@@ -2,7 +2,7 @@
 
 use super::mission::MissionFrame;
 use jink_shared_types::geo::GlobalPoint;
-use mavlink::dialect::{COMMAND_INT_DATA, COMMAND_LONG_DATA, MavFrame};
+use mavlink::dialect::{COMMAND_INT_DATA, COMMAND_LONG_DATA, MavFrame, MavMessage};
 use nalgebra::Vector2;
 
 /// The place that a command names; what it does not name is `None`.
@@ -18,7 +18,7 @@ pub struct CommandPlace {
 
 impl CommandPlace {
     /// `param5`, `param6`, `param7`; NaN = not given.
-    pub fn of_long(command: &COMMAND_LONG_DATA) -> Self {
+    fn of_long(command: &COMMAND_LONG_DATA) -> Self {
         let given = command.param5.is_finite() && command.param6.is_finite();
         Self {
             level: given.then(|| GlobalPoint {
@@ -31,7 +31,7 @@ impl CommandPlace {
     }
 
     /// `x`, `y`, `z`; the largest integer in both = not given.
-    pub fn of_int(command: &COMMAND_INT_DATA) -> Self {
+    fn of_int(command: &COMMAND_INT_DATA) -> Self {
         let given = (command.x, command.y) != (i32::MAX, i32::MAX);
         // Ground stations still use the older names of the global frames.
         #[allow(deprecated)]
@@ -70,8 +70,17 @@ impl CommandPlace {
     }
 }
 
+/// The command in `message`, if that is one, as COMMAND_LONG carries it, and where it leads.
+pub fn command_of(message: &MavMessage) -> Option<(COMMAND_LONG_DATA, CommandPlace)> {
+    match message {
+        MavMessage::COMMAND_LONG(command) => Some((command.clone(), CommandPlace::of_long(command))),
+        MavMessage::COMMAND_INT(command) => Some((long_of(command), CommandPlace::of_int(command))),
+        _ => None,
+    }
+}
+
 /// The command as COMMAND_LONG carries it, its place to the precision of that.
-pub fn long_of(command: &COMMAND_INT_DATA) -> COMMAND_LONG_DATA {
+fn long_of(command: &COMMAND_INT_DATA) -> COMMAND_LONG_DATA {
     COMMAND_LONG_DATA {
         param1: command.param1,
         param2: command.param2,

@@ -6,11 +6,12 @@
 //! | [`messages`] | time, estimate, mission frame | the messages that all of them say alike |
 //! | [`modes`] | a mode | its numbers on the wire, for each make |
 //! | [`mission`], [`mission_protocol`] | items uploaded | the mission, and what each item asks for |
-//! | [`parameters`](mod@parameters) | names, kinds, defaults | the table of parameters, lists of them under way |
+//! | [`parameters`](mod@parameters) | names, kinds, defaults | the table of parameters, and the protocol that reads and sets them |
 //! | [`command_place`] | a command | where it leads |
 //! | [`land_detector`], [`attitude`] | contact and thrust | landed or not, the attitude that gives a thrust |
 //! | [`statistics`], [`truth`] | setpoints, autopilot, world | ground truth of the flight |
 //! | [`reference`](mod@reference) | | the motions on which tracking is measured |
+//! | [`script`] | what a test asks | messages to an autopilot, and what it answered |
 //!
 //! Processes, lock-step flights and the [`Observer`](truth::Observer) use an [`Autopilot`] and need not know the make.
 
@@ -24,6 +25,7 @@ pub mod mission_protocol;
 pub mod modes;
 pub mod parameters;
 pub mod reference;
+pub mod script;
 pub mod statistics;
 pub mod truth;
 

@@ -63,6 +63,18 @@ pub fn system_time(now_us: u64, unix_start_us: u64) -> MavMessage {
     })
 }
 
+/// What SYS_STATUS always says is there.
+pub fn always_there() -> m::MavSysStatusSensor {
+    use m::MavSysStatusSensor as S;
+    S::MAV_SYS_STATUS_SENSOR_3D_GYRO
+        | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL
+        | S::MAV_SYS_STATUS_SENSOR_3D_MAG
+        | S::MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+        | S::MAV_SYS_STATUS_SENSOR_GPS
+        | S::MAV_SYS_STATUS_AHRS
+        | S::MAV_SYS_STATUS_PREARM_CHECK
+}
+
 /// ATTITUDE.
 pub fn attitude(now_us: u64, estimate: &Estimate) -> MavMessage {
     let unknown = (f64::NAN, f64::NAN, f64::NAN);

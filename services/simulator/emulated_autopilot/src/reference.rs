@@ -12,6 +12,13 @@ const RAMP_S: f64 = 3.0;
 /// Where a stop begins (s).
 pub const STOP_AT_S: f64 = 8.0;
 
+/// Errors count from here (s) ...
+const COUNT_FROM_S: f64 = 5.0;
+/// ... to here (s).
+pub const COUNT_TO_S: f64 = 14.0;
+/// How long a flight that stops is watched (s).
+pub const STOP_WATCHED_S: f64 = 18.0;
+
 /// North at constant speed after a ramp, with a wave to the side, and perhaps a stop. It begins at time 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Reference {
@@ -65,6 +72,12 @@ impl Reference {
         (self.position(t + h) - self.position(t) * 2.0 + self.position(t - h)) / (h * h)
     }
 
+    /// How far north of the end of its stop the positions in `track` go (m).
+    pub fn overshoot(&self, track: &[(f64, Vector3<f64>)]) -> f64 {
+        let end = self.position(STOP_WATCHED_S).x;
+        track.iter().map(|(_, p)| p.x - end).fold(f64::MIN, f64::max)
+    }
+
     /// Distance of `point` (local NED, m) from the nearest point of the path, level (m).
     pub fn cross(&self, point: &Vector3<f64>) -> f64 {
         (-400..=400)
@@ -73,6 +86,46 @@ impl Reference {
                 (s - point.x).hypot(self.wave(s) - point.y)
             })
             .fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// How far a flight strays from its reference (m), level.
+#[derive(Clone, Copy, Debug)]
+pub struct Errors {
+    /// Distance at the same time: median, largest.
+    pub total: [f64; 2],
+    /// Along the path: median, furthest behind.
+    pub along: [f64; 2],
+    /// From the nearest point of the path: median, largest.
+    pub cross: [f64; 2],
+}
+
+impl Errors {
+    /// Those of the positions in `track`, each with its time (s), from 5 s on.
+    pub fn of(reference: &Reference, track: &[(f64, Vector3<f64>)]) -> Self {
+        let (mut total, mut along, mut cross) = (Vec::new(), Vec::new(), Vec::new());
+        for (t, position) in track.iter().filter(|(t, _)| *t >= COUNT_FROM_S) {
+            let error = (position - reference.position(*t)).xy();
+            let direction = reference.velocity(*t).xy().normalize();
+            total.push(error.norm());
+            along.push(error.dot(&direction));
+            cross.push(reference.cross(position));
+        }
+        for list in [&mut total, &mut along, &mut cross] {
+            list.sort_by(f64::total_cmp);
+        }
+        let (middle, last) = (along.len() / 2, along.len() - 1);
+        Self {
+            total: [total[middle], total[last]],
+            along: [along[middle], along[0]],
+            cross: [cross[middle], cross[last]],
+        }
+    }
+
+    /// In the order of the table.
+    pub fn list(&self) -> [f64; 6] {
+        let [total, along, cross] = [self.total, self.along, self.cross];
+        [total[0], total[1], along[0], along[1], cross[0], cross[1]]
     }
 }
 

@@ -1,5 +1,7 @@
 //! What arrived from the companion, for the truth about a flight.
 
+use crate::link::{COMPONENT_AVOIDANCE, Link, Packet};
+
 /// Counters of received setpoints.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SetpointStatistics {
@@ -24,6 +26,13 @@ impl SetpointStatistics {
         self.count += 1;
         self.last_us = now_us;
         self.last_s = now_us as f64 * 1e-6;
+    }
+
+    /// A packet arrived; the sequence is that of the companion's avoidance component.
+    pub fn note_packet(&mut self, packet: &Packet) {
+        if packet.link == Link::Companion && packet.header.component_id == COMPONENT_AVOIDANCE {
+            self.note_sequence(packet.header.sequence);
+        }
     }
 
     /// A message of the avoidance component arrived.

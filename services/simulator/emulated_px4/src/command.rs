@@ -10,12 +10,11 @@ use super::orbit::Orbit;
 use super::parameters::Parameter;
 use super::refusal::Refusal;
 use super::streams::Stream;
-use jink_emulated_autopilot::command_place::CommandPlace;
+use jink_emulated_autopilot::command_place::{CommandPlace, command_of};
 use jink_emulated_autopilot::link::{Link, Packet};
 use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::px4::{mode_of, mode_of_custom};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::MavHeader;
 use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavProtocolCapability, MavResult,
     MavSeverity,
@@ -28,20 +27,17 @@ const FORCE: f32 = 21_196.0;
 const AUTOPILOT_VERSION_ID: u32 = 148;
 
 impl Px4 {
-    /// Executes a command and acknowledges it to its sender. `place`: where it leads.
-    pub(super) fn execute(
-        &mut self,
-        link: Link,
-        header: &MavHeader,
-        command: &COMMAND_LONG_DATA,
-        place: CommandPlace,
-        outbox: &mut Vec<Packet>,
-    ) {
-        let result = self.result_of(link, command, place, outbox);
-        let ack = messages::acknowledgement(header, command.command, result);
-        self.wire.send(outbox, link, ack);
+    /// Executes the command in `packet` and acknowledges it to its sender.
+    pub(super) fn execute(&mut self, packet: &Packet, outbox: &mut Vec<Packet>) {
+        let Some((command, place)) = command_of(&packet.message) else {
+            return;
+        };
+        let result = self.result_of(packet.link, &command, place, outbox);
+        let ack = messages::acknowledgement(&packet.header, command.command, result);
+        self.wire.send(outbox, packet.link, ack);
     }
 
+    /// `place`: where the command leads.
     fn result_of(
         &mut self,
         link: Link,

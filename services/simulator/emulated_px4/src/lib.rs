@@ -12,7 +12,7 @@
 //! |---|---|
 //! | `config`, `firmware`, `pace` | which PX4 on which vehicle, where that matters, how its time passes |
 //! | `receive`, `command`, `refusal` | messages in, acknowledgements |
-//! | `parameters`, `parameter_protocol` | what a ground station sets |
+//! | `parameters` | what a ground station sets |
 //! | `companion_health`, `heartbeat_watch`, `stick_speed` | who is alive, who wants the vehicle |
 //! | `commander` | who may arm, which mode, which failsafe |
 //! | `navigator`, `return_home`, `takeoff` | what a mode means as waypoints and phases |
@@ -44,7 +44,6 @@ mod obstacle_messages;
 mod offboard;
 mod orbit;
 mod pace;
-mod parameter_protocol;
 mod parameters;
 mod position_control;
 mod position_mode;
@@ -80,6 +79,7 @@ use jink_emulated_autopilot::land_detector::LandDetector;
 use jink_emulated_autopilot::link::Wire;
 use jink_emulated_autopilot::mission::{Dialect, ITEMS_MAX, Mission, MissionFrame, single};
 use jink_emulated_autopilot::mission_protocol::MissionProtocol;
+use jink_emulated_autopilot::parameters::ParameterProtocol;
 use jink_emulated_autopilot::{
     Autopilot, Link, MissionProgress, Packet, SetpointStatistics, UnknownParameter,
 };
@@ -92,7 +92,6 @@ use navigator::Navigator;
 use offboard::Offboard;
 use orbit::Orbit;
 use pace::StepGate;
-use parameter_protocol::ParameterProtocol;
 use parameters::{Parameter, Parameters};
 use position_control::PositionController;
 use position_task::{PositionTask, Sticks};

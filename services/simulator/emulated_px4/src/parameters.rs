@@ -4,6 +4,8 @@
 //! else in PX4's list of a thousand has no effect here and does not exist. A few exist in one firmware only.
 
 use super::firmware::Firmware;
+use jink_emulated_autopilot::parameters::ParameterTable;
+use mavlink::dialect::{MavParamType, PARAM_SET_DATA, PARAM_VALUE_DATA};
 
 /// How a parameter travels in PARAM_VALUE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,6 +14,15 @@ pub enum Kind {
     Integer,
     /// MAV_PARAM_TYPE_REAL32.
     Real,
+}
+
+impl Kind {
+    fn wire(self) -> MavParamType {
+        match self {
+            Kind::Integer => MavParamType::MAV_PARAM_TYPE_INT32,
+            Kind::Real => MavParamType::MAV_PARAM_TYPE_REAL32,
+        }
+    }
 }
 
 jink_emulated_autopilot::parameters! {
@@ -178,11 +189,6 @@ impl Parameters {
         }
     }
 
-    /// Those that exist, in the order of their MAVLink index.
-    pub fn listed(&self) -> &[Parameter] {
-        &self.listed
-    }
-
     /// The parameter called `name`.
     pub fn find(&self, name: &str) -> Option<Parameter> {
         self.listed.iter().copied().find(|p| p.name() == name)
@@ -213,7 +219,7 @@ impl Parameters {
 }
 
 /// The value of `parameter` as the float field of PARAM_VALUE carries it: PX4 puts an integer's bits there.
-pub fn to_wire(parameter: Parameter, value: f64) -> f32 {
+fn to_wire(parameter: Parameter, value: f64) -> f32 {
     match parameter.kind() {
         Kind::Integer => f32::from_bits((value as i32).cast_unsigned()),
         Kind::Real => value as f32,
@@ -221,10 +227,41 @@ pub fn to_wire(parameter: Parameter, value: f64) -> f32 {
 }
 
 /// The value in the float field of PARAM_SET for a parameter of this kind.
-pub fn from_wire(kind: Kind, field: f32) -> f64 {
+fn from_wire(kind: Kind, field: f32) -> f64 {
     match kind {
         Kind::Integer => f64::from(field.to_bits().cast_signed()),
         Kind::Real => f64::from(field),
+    }
+}
+
+impl ParameterTable for Parameters {
+    fn count(&self) -> usize {
+        self.listed.len()
+    }
+
+    fn at(&self, index: usize) -> Option<PARAM_VALUE_DATA> {
+        let parameter = *self.listed.get(index)?;
+        Some(PARAM_VALUE_DATA {
+            param_value: to_wire(parameter, self.get(parameter)),
+            param_count: self.listed.len() as u16,
+            param_index: index as u16,
+            param_id: parameter.name().into(),
+            param_type: parameter.kind().wire(),
+        })
+    }
+
+    fn named(&self, name: &str) -> Option<PARAM_VALUE_DATA> {
+        self.at(self.listed.iter().position(|p| p.name() == name)?)
+    }
+
+    fn take(&mut self, name: &str, set: &PARAM_SET_DATA) -> Result<(), &'static str> {
+        let parameter = self.find(name).filter(|p| p.kind().wire() == set.param_type);
+        let parameter = parameter.ok_or("param types mismatch, not set")?;
+        let value = from_wire(parameter.kind(), set.param_value);
+        if value.is_finite() {
+            self.set(parameter, value);
+        }
+        Ok(())
     }
 }
 
@@ -236,7 +273,7 @@ mod tests {
     fn names_fit_mavlink_and_values_survive_the_wire() {
         for firmware in [Firmware::default(), Firmware::Current] {
             let parameters = Parameters::new(firmware);
-            for parameter in parameters.listed().iter().copied() {
+            for parameter in parameters.listed.iter().copied() {
                 assert!(parameter.name().len() <= 16);
                 assert_eq!(parameters.find(parameter.name()), Some(parameter));
                 let value = parameters.get(parameter);

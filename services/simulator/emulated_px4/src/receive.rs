@@ -10,8 +10,7 @@ use super::companion_health::ForeignHeartbeat;
 use super::obstacle_messages;
 use super::parameters::Parameter;
 use super::position_task::Sticks;
-use jink_emulated_autopilot::command_place::{CommandPlace, long_of};
-use jink_emulated_autopilot::link::{COMPONENT_AVOIDANCE, Link, Packet};
+use jink_emulated_autopilot::link::{Link, Packet};
 use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::mission_protocol::MissionChange;
 use mavlink::dialect::{
@@ -30,13 +29,9 @@ impl Px4 {
 
     /// Forwards a packet to the other link and takes it itself where it is meant.
     pub(super) fn receive(&mut self, packet: &Packet, outbox: &mut Vec<Packet>) {
-        if packet.link == Link::Companion && packet.header.component_id == COMPONENT_AVOIDANCE {
-            self.statistics.note_sequence(packet.header.sequence);
-        }
-        if self.passes_on(packet)
-            && let Some(forwarded) = self.wire.forward(packet)
-        {
-            outbox.push(forwarded);
+        self.statistics.note_packet(packet);
+        if self.passes_on(packet) {
+            outbox.extend(self.wire.forward(packet));
         }
         if !self.wire.is_addressed(&packet.message) {
             return;
@@ -72,14 +67,7 @@ impl Px4 {
                     .distance_sensor(packet.link as usize, reading);
             }
             MavMessage::MANUAL_CONTROL(message) => self.receive_sticks(message, outbox),
-            MavMessage::COMMAND_LONG(command) => {
-                let place = CommandPlace::of_long(command);
-                self.execute(packet.link, &packet.header, command, place, outbox);
-            }
-            MavMessage::COMMAND_INT(command) => {
-                let (long, place) = (long_of(command), CommandPlace::of_int(command));
-                self.execute(packet.link, &packet.header, &long, place, outbox);
-            }
+            MavMessage::COMMAND_LONG(_) | MavMessage::COMMAND_INT(_) => self.execute(packet, outbox),
             MavMessage::SET_MODE(set) => self.set_mode_message(set.custom_mode, outbox),
             MavMessage::PARAM_REQUEST_LIST(_)
             | MavMessage::PARAM_REQUEST_READ(_)

@@ -116,13 +116,7 @@ impl Px4 {
     /// The avoidance bit: present if required or seen, enabled in automatic modes, healthy as the heartbeat says.
     fn sys_status(&self) -> MavMessage {
         use MavSysStatusSensor as S;
-        let always = S::MAV_SYS_STATUS_SENSOR_3D_GYRO
-            | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL
-            | S::MAV_SYS_STATUS_SENSOR_3D_MAG
-            | S::MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
-            | S::MAV_SYS_STATUS_SENSOR_GPS
-            | S::MAV_SYS_STATUS_AHRS
-            | S::MAV_SYS_STATUS_PREARM_CHECK;
+        let always = messages::always_there();
         let flag = |bit: S, set: bool| if set { bit } else { S::empty() };
         let avoidance = S::MAV_SYS_STATUS_OBSTACLE_AVOIDANCE;
         let required = self.parameters.avoidance_enabled();

@@ -1,9 +1,10 @@
 //! MAVLink over datagram sockets of this machine (unix(7)): what is sent has arrived.
 
-use super::udp::{Arrival, Feed};
+use super::udp::{Arrival, read_messages};
 use jink_runtime::Clock;
 use mavlink::dialect::MavMessage;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
+use std::collections::VecDeque;
 use std::fmt;
 use std::io::{self, ErrorKind};
 use std::os::fd::{AsFd, BorrowedFd};
@@ -69,7 +70,7 @@ impl LocalSocket {
 /// One link over a [`LocalSocket`].
 pub struct MavLocal {
     socket: LocalSocket,
-    reader: MavlinkReader<Feed>,
+    reader: MavlinkReader<VecDeque<u8>>,
     clock: Clock,
 }
 
@@ -84,7 +85,7 @@ impl MavLocal {
     pub fn new(socket: LocalSocket, clock: Clock) -> Self {
         Self {
             socket,
-            reader: MavlinkReader::new(Feed::default()),
+            reader: MavlinkReader::new(VecDeque::new()),
             clock,
         }
     }
@@ -99,14 +100,7 @@ impl MavLocal {
         let mut buffer = [0; DATAGRAM_BYTES];
         let time = self.clock.now();
         while let Some(bytes) = self.socket.receive(&mut buffer) {
-            self.reader.get_mut().bytes.extend(bytes);
-            while let Ok((header, message)) = self.reader.read_any_message::<MavMessage>() {
-                arrivals.push(Arrival {
-                    time,
-                    header,
-                    message,
-                });
-            }
+            read_messages(&mut self.reader, bytes, time, arrivals);
         }
     }
 

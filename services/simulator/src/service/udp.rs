@@ -12,7 +12,7 @@ use nix::sys::time::TimeSpec;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::collections::VecDeque;
 use std::fmt;
-use std::io::{IoSliceMut, Read};
+use std::io::IoSliceMut;
 use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 
@@ -32,15 +32,20 @@ pub struct Arrival {
     pub message: MavMessage,
 }
 
-/// Bytes received and not yet read as messages.
-#[derive(Debug, Default)]
-pub(super) struct Feed {
-    pub(super) bytes: VecDeque<u8>,
-}
-
-impl Read for Feed {
-    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
-        self.bytes.read(out)
+/// Appends every message that `bytes`, which came at `time`, complete.
+pub(super) fn read_messages(
+    reader: &mut MavlinkReader<VecDeque<u8>>,
+    bytes: &[u8],
+    time: Timestamp,
+    arrivals: &mut Vec<Arrival>,
+) {
+    reader.get_mut().extend(bytes);
+    while let Ok((header, message)) = reader.read_any_message::<MavMessage>() {
+        arrivals.push(Arrival {
+            time,
+            header,
+            message,
+        });
     }
 }
 
@@ -55,7 +60,7 @@ struct Datagram {
 pub struct MavUdp {
     socket: UdpSocket,
     peer: Option<SocketAddr>,
-    reader: MavlinkReader<Feed>,
+    reader: MavlinkReader<VecDeque<u8>>,
     datagram: Vec<u8>,
     control: Vec<u8>,
 }
@@ -78,7 +83,7 @@ impl MavUdp {
         Ok(Self {
             socket,
             peer,
-            reader: MavlinkReader::new(Feed::default()),
+            reader: MavlinkReader::new(VecDeque::new()),
             datagram: vec![0; 65_536],
             control: cmsg_space!(TimeSpec),
         })
@@ -103,14 +108,7 @@ impl MavUdp {
                     }
                     let time = on_boards_clock(datagram.stamp);
                     let bytes = self.datagram.get(..datagram.length).unwrap_or_default();
-                    self.reader.get_mut().bytes.extend(bytes);
-                    while let Ok((header, message)) = self.reader.read_any_message::<MavMessage>() {
-                        arrivals.push(Arrival {
-                            time,
-                            header,
-                            message,
-                        });
-                    }
+                    read_messages(&mut self.reader, bytes, time, arrivals);
                 }
                 Err(Errno::EAGAIN) => return,
                 Err(Errno::ECONNREFUSED | Errno::EINTR) => {}

@@ -106,13 +106,6 @@ pub enum FindError {
         /// Where modules were looked for.
         modules: PathBuf,
     },
-    /// Not the autopilot that was asked for.
-    OtherMake {
-        /// What was asked for.
-        asked: Make,
-        /// What is there.
-        program: PathBuf,
-    },
     /// A file could not be read.
     Io {
         /// File.
@@ -154,15 +147,6 @@ impl fmt::Display for FindError {
                  px4-simulator, nor NUMBER_sihsim_quadx with px4-simulator_sih or px4-sih; airframes in {}, modules in {}",
                 airframes.display(),
                 modules.display()
-            ),
-            Self::OtherMake { asked, program } => write!(
-                f,
-                "{} is no build of {}",
-                program.display(),
-                match asked {
-                    Make::Px4 => "PX4",
-                    Make::ArduCopter => "ArduCopter",
-                }
             ),
             Self::Io { path, cause } => write!(f, "{}: {cause}", path.display()),
         }
@@ -226,21 +210,6 @@ impl SitlBuild {
         ];
         looked.extend(copters);
         Err(FindError::NoProgram { folder, looked })
-    }
-
-    /// The same, refusing any other make than `make`.
-    ///
-    /// # Errors
-    /// As [`SitlBuild::find`], and [`FindError::OtherMake`].
-    pub fn find_make(folder: &Path, make: Make) -> Result<Self, FindError> {
-        let build = Self::find(folder)?;
-        if build.make == make {
-            return Ok(build);
-        }
-        Err(FindError::OtherMake {
-            asked: make,
-            program: build.program,
-        })
     }
 
     /// The profiles of jink that can fly it, the one that fits best first.
@@ -483,10 +452,6 @@ mod tests {
             SitlBuild::find(&folder.join("build/px4_sitl_default")).unwrap(),
             build
         );
-        assert!(matches!(
-            SitlBuild::find_make(&folder, Make::ArduCopter),
-            Err(FindError::OtherMake { .. })
-        ));
     }
 
     #[test]

@@ -190,22 +190,11 @@ pub struct Hil {
 /// A connected PX4.
 struct Connection {
     stream: TcpStream,
-    reader: MavlinkReader<Feed>,
+    reader: MavlinkReader<VecDeque<u8>>,
     sequence: u8,
     bytes: Vec<u8>,
     in_lockstep: bool,
     commands: [f64; 4],
-}
-
-#[derive(Default)]
-struct Feed {
-    bytes: VecDeque<u8>,
-}
-
-impl Read for Feed {
-    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
-        self.bytes.read(out)
-    }
 }
 
 impl Hil {
@@ -264,7 +253,7 @@ impl Hil {
                 prepared.map_err(|cause| stage.silence(&format!("PX4's connection: {cause}")))?;
                 return Ok(Some(Connection {
                     stream,
-                    reader: MavlinkReader::new(Feed::default()),
+                    reader: MavlinkReader::new(VecDeque::new()),
                     sequence: 0,
                     bytes: Vec::new(),
                     in_lockstep: false,
@@ -314,7 +303,7 @@ impl Connection {
                 Ok(0) => return Ok(false),
                 Ok(length) => {
                     let bytes = buffer.get(..length).unwrap_or_default();
-                    self.reader.get_mut().bytes.extend(bytes);
+                    self.reader.get_mut().extend(bytes);
                     answered |= self.parse();
                 }
                 Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}

@@ -7,7 +7,6 @@ use mavlink::MavlinkReader;
 use mavlink::dialect::MavMessage;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::collections::VecDeque;
-use std::io::Read;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -27,20 +26,8 @@ pub struct RelayLink {
     autopilot_at: Option<SocketAddr>,
     other: UdpSocket,
     other_at: SocketAddr,
-    from_autopilot: MavlinkReader<Feed>,
-    from_other: MavlinkReader<Feed>,
-}
-
-/// Bytes received and not yet read as messages.
-#[derive(Default)]
-struct Feed {
-    bytes: VecDeque<u8>,
-}
-
-impl Read for Feed {
-    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
-        self.bytes.read(out)
-    }
+    from_autopilot: MavlinkReader<VecDeque<u8>>,
+    from_other: MavlinkReader<VecDeque<u8>>,
 }
 
 impl RelayLink {
@@ -58,8 +45,8 @@ impl RelayLink {
             autopilot_at: None,
             other,
             other_at,
-            from_autopilot: MavlinkReader::new(Feed::default()),
-            from_other: MavlinkReader::new(Feed::default()),
+            from_autopilot: MavlinkReader::new(VecDeque::new()),
+            from_other: MavlinkReader::new(VecDeque::new()),
         })
     }
 
@@ -103,11 +90,11 @@ fn receive(socket: &UdpSocket, buffer: &mut [u8]) -> Option<(usize, SocketAddr)>
 }
 
 fn read(
-    reader: &mut MavlinkReader<Feed>,
+    reader: &mut MavlinkReader<VecDeque<u8>>,
     bytes: &[u8],
     mut see: impl FnMut(&mavlink::MavHeader, &MavMessage),
 ) {
-    reader.get_mut().bytes.extend(bytes);
+    reader.get_mut().extend(bytes);
     while let Ok((header, message)) = reader.read_any_message::<MavMessage>() {
         see(&header, &message);
     }

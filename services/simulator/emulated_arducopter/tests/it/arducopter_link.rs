@@ -206,28 +206,10 @@ fn a_mission_comes_back_with_home_in_front_and_relative_heights_in_frame_3() {
         target_component: 1,
         ..MISSION_ITEM_INT_DATA::default()
     };
-    flight.station(MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-        count: 4,
-        target_system: 1,
-        target_component: 1,
-        ..MISSION_COUNT_DATA::default()
-    }));
-    let mut result = None;
-    for _ in 0..200 {
-        flight.step();
-        let mut wanted = None;
-        for packet in &flight.received {
-            match &packet.message {
-                MavMessage::MISSION_REQUEST_INT(request) => wanted = Some(request.seq),
-                MavMessage::MISSION_ACK(ack) => result = Some(ack.mavtype),
-                _ => {}
-            }
-        }
-        if let Some(seq) = wanted {
-            flight.station(MavMessage::MISSION_ITEM_INT(item(seq)));
-        }
-    }
-    assert_eq!(result, Some(MavMissionResult::MAV_MISSION_ACCEPTED));
+    assert_eq!(
+        flight.upload(&[0, 1, 2, 3].map(item)),
+        MavMissionResult::MAV_MISSION_ACCEPTED
+    );
 
     // The companion downloads what the ground station uploaded.
     flight.companion(MavMessage::MISSION_REQUEST_LIST(MISSION_REQUEST_LIST_DATA {

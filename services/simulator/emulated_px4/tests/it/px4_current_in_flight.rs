@@ -157,12 +157,7 @@ fn a_mission_cleared_in_flight_is_hold_where_the_vehicle_was() {
     flight.upload(&[[60.0, 0.0, -5.0]]);
     flight.set_mode(NavMode::Mission);
     assert!(flight.run_until(30.0, |f| position(f).x > 15.0));
-    let clear = MavMessage::MISSION_CLEAR_ALL(MISSION_CLEAR_ALL_DATA {
-        target_system: 1,
-        target_component: 1,
-        mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
-    });
-    flight.from(Link::GroundStation, 255, 190, clear);
+    flight.clear_mission();
     flight.run(12.0);
     assert_eq!(flight.autopilot.mode(), NavMode::Hold);
     assert!((position(&flight).x - 15.0).abs() < 0.6, "{}", position(&flight));

@@ -4,7 +4,7 @@
 
 use crate::support;
 use crate::support::{Answer, Flight};
-use jink_emulated_autopilot::Autopilot;
+use jink_emulated_autopilot::{Autopilot, script};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialect::*;
 
@@ -78,15 +78,7 @@ fn the_rate_can_be_changed() {
     let mut flight = Flight::with(&[]);
     flight.run(2.0);
     flight.set_mode(NavMode::Hold);
-    let set = COMMAND_LONG_DATA {
-        param1: 332.0,
-        param2: 20_000.0,
-        command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
-        target_system: 1,
-        target_component: 1,
-        ..COMMAND_LONG_DATA::default()
-    };
-    flight.companion(196, MavMessage::COMMAND_LONG(set));
+    flight.companion(196, script::message_interval(332, 20_000.0));
     flight.run(0.1);
     let before = flight.questions;
     flight.run(4.0);
@@ -110,11 +102,7 @@ fn quirk_disarmed_in_loiter_only_point_0_and_no_time() {
 #[test]
 fn a_take_off_says_22_and_its_next_point_is_its_own() {
     let mut flight = Flight::with(&[]);
-    flight.run(2.0);
-    flight.set_mode(NavMode::Hold);
-    flight.run(1.0);
-    flight.arm();
-    flight.set_mode(NavMode::Takeoff);
+    flight.begin_take_off();
     flight.run(5.0);
     let desired = last(&flight);
     assert_eq!(desired.valid_points, 3);

@@ -2,7 +2,7 @@
 
 #![allow(deprecated)]
 
-use crate::support::{Answer, Flight};
+use crate::support::{Flight, alone, waypoint_item};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_px4::Px4Config;
@@ -10,27 +10,6 @@ use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::wind::WindConfig;
 use mavlink::dialect::*;
 use nalgebra::Vector3;
-
-/// Without companion.
-fn alone() -> Flight {
-    let mut flight = Flight::with(&[("COM_OBS_AVOID", 0.0)]);
-    flight.heartbeat = None;
-    flight.answer = Answer::Silent;
-    flight
-}
-
-fn waypoint_item(frame: MavFrame, x: i32, y: i32, z: f32) -> MISSION_ITEM_INT_DATA {
-    MISSION_ITEM_INT_DATA {
-        command: MavCmd::MAV_CMD_NAV_WAYPOINT,
-        frame,
-        x,
-        y,
-        z,
-        param4: f32::NAN,
-        autocontinue: 1,
-        ..MISSION_ITEM_INT_DATA::default()
-    }
-}
 
 #[test]
 fn a_whole_flight_without_companion_takes_off_flies_lands_and_disarms() {

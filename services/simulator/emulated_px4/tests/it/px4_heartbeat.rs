@@ -2,7 +2,7 @@
 
 #![allow(deprecated)]
 
-use crate::support::{Answer, Flight};
+use crate::support::{Flight, alone, demand_avoidance};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
@@ -162,24 +162,11 @@ fn armed_in_manual_without_sticks_is_a_failsafe() {
 
 #[test]
 fn enabled_after_boot_without_a_companion_automatic_modes_fall_back_to_hold() {
-    let mut flight = Flight::with(&[("COM_OBS_AVOID", 0.0)]);
-    flight.heartbeat = None;
-    flight.answer = Answer::Silent;
+    let mut flight = alone();
     flight.start_mission(&[[80.0, 0.0, -5.0]]);
     flight.run(3.0);
     assert_eq!(flight.autopilot.mode(), NavMode::Mission);
-    flight.from(
-        Link::GroundStation,
-        255,
-        190,
-        MavMessage::PARAM_SET(PARAM_SET_DATA {
-            param_value: f32::from_bits(1),
-            target_system: 1,
-            target_component: 1,
-            param_id: "COM_OBS_AVOID".into(),
-            param_type: MavParamType::MAV_PARAM_TYPE_INT32,
-        }),
-    );
+    demand_avoidance(&mut flight, 1);
     flight.run(0.2);
     assert_eq!(flight.autopilot.mode(), NavMode::Hold);
     assert_eq!(flight.autopilot.hold_count(), 1);

@@ -3,33 +3,12 @@
 #![allow(deprecated)]
 
 use crate::support;
-use crate::support::{Answer, Flight};
+use crate::support::{Answer, Flight, alone, waypoint_item};
 use jink_emulated_autopilot::Autopilot;
-use jink_emulated_autopilot::Link;
+use jink_emulated_autopilot::{Link, script};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::Message;
 use mavlink::dialect::*;
-
-/// Without companion.
-fn alone() -> Flight {
-    let mut flight = Flight::with(&[("COM_OBS_AVOID", 0.0)]);
-    flight.heartbeat = None;
-    flight.answer = Answer::Silent;
-    flight
-}
-
-fn waypoint_item(frame: MavFrame, x: i32, y: i32, z: f32) -> MISSION_ITEM_INT_DATA {
-    MISSION_ITEM_INT_DATA {
-        command: MavCmd::MAV_CMD_NAV_WAYPOINT,
-        frame,
-        x,
-        y,
-        z,
-        param4: f32::NAN,
-        autocontinue: 1,
-        ..MISSION_ITEM_INT_DATA::default()
-    }
-}
 
 #[test]
 fn the_companions_link_has_the_observed_rates() {
@@ -222,15 +201,7 @@ fn parameters_are_listed_read_and_set_with_integers_as_bits() {
     ] {
         assert!(seen.iter().any(|(n, _)| n == name), "{name}");
     }
-    let set = |value, param_type| {
-        MavMessage::PARAM_SET(PARAM_SET_DATA {
-            param_value: value,
-            target_system: 1,
-            target_component: 1,
-            param_id: "COM_OBS_AVOID".into(),
-            param_type,
-        })
-    };
+    let set = |value, param_type| script::parameter("COM_OBS_AVOID", value, param_type);
     let integer = set(f32::from_bits(1), MavParamType::MAV_PARAM_TYPE_INT32);
     flight.from(Link::GroundStation, 255, 190, integer);
     flight.step();

@@ -2,9 +2,11 @@
 
 #![allow(deprecated)]
 
-use crate::support::{Answer, Flight, cruising, no_waypoint, north_east, reply, speed, waypoint};
+use crate::support::{
+    Answer, Flight, cruising, demand_avoidance, no_waypoint, north_east, reply, speed, waypoint,
+};
 use jink_emulated_autopilot::Autopilot;
-use jink_emulated_autopilot::Link;
+use jink_emulated_autopilot::{Link, script};
 use jink_emulated_px4::{Firmware, HoldCause, Px4Config, Variant};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialect::*;
@@ -55,15 +57,7 @@ fn loiter_obeys_a_live_stream_and_comes_back_when_it_stops() {
 fn a_stopped_stream_is_hold_after_0_54_s_an_overshoot_of_metres_and_the_way_back() {
     let mut flight = cruising();
     flight.answer = Answer::Echo;
-    let set = COMMAND_LONG_DATA {
-        param1: 332.0,
-        param2: 20_000.0,
-        command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
-        target_system: 1,
-        target_component: 1,
-        ..COMMAND_LONG_DATA::default()
-    };
-    flight.companion(196, MavMessage::COMMAND_LONG(set));
+    flight.companion(196, script::message_interval(332, 20_000.0));
     flight.run(8.0);
     assert!(speed(&flight) > 4.6);
     flight.answer = Answer::Silent;
@@ -163,14 +157,7 @@ fn another_system_id_than_1_never_takes_its_own_demand_for_hold() {
     command(&mut flight, MavCmd::MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0);
     command(&mut flight, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0, 0.0);
     command(&mut flight, MavCmd::MAV_CMD_DO_SET_MODE, 1.0, 4.0, 2.0);
-    let enable = MavMessage::PARAM_SET(PARAM_SET_DATA {
-        param_value: f32::from_bits(1),
-        target_system: 2,
-        target_component: 1,
-        param_id: "COM_OBS_AVOID".into(),
-        param_type: MavParamType::MAV_PARAM_TYPE_INT32,
-    });
-    flight.from(Link::GroundStation, 255, 190, enable);
+    demand_avoidance(&mut flight, 2);
     flight.run(3.0);
     assert_eq!(flight.autopilot.mode(), NavMode::Takeoff);
     assert_eq!(flight.autopilot.hold_count(), 0);
@@ -180,11 +167,7 @@ fn another_system_id_than_1_never_takes_its_own_demand_for_hold() {
 fn without_any_reply_a_take_off_turns_hold_at_once_and_still_climbs() {
     let mut flight = Flight::with(&[]);
     flight.answer = Answer::Silent;
-    flight.run(2.0);
-    flight.set_mode(NavMode::Hold);
-    flight.run(1.0);
-    flight.arm();
-    flight.set_mode(NavMode::Takeoff);
+    flight.begin_take_off();
     flight.run(0.1);
     assert_eq!(flight.autopilot.mode(), NavMode::Hold);
     flight.run(15.0);
@@ -256,11 +239,7 @@ fn variant_b_waits_in_the_mode_before_the_first_reply() {
         ..Px4Config::default()
     });
     flight.answer = Answer::Silent;
-    flight.run(2.0);
-    flight.set_mode(NavMode::Hold);
-    flight.run(1.0);
-    flight.arm();
-    flight.set_mode(NavMode::Takeoff);
+    flight.begin_take_off();
     flight.run(4.0);
     assert_eq!(flight.autopilot.mode(), NavMode::Takeoff);
     assert!(flight.autopilot.truth().on_ground);

@@ -265,16 +265,6 @@ enum Model {
     Rangefinder(Box<Rangefinder>),
 }
 
-impl SensorSpec {
-    /// Whether everything but the name's uniqueness is in order.
-    ///
-    /// # Errors
-    /// The first mistake found.
-    pub fn validate(&self) -> Result<(), SensorError> {
-        Sensor::new(self, 0).map(drop)
-    }
-}
-
 impl Sensor {
     fn new(spec: &SensorSpec, rig_seed: u64) -> Result<Self, SensorError> {
         let spec = &products::filled(spec);

@@ -1,18 +1,6 @@
 //! Sensors that can be bought, by the name that their driver knows them by (`model`): what the maker's data sheet says of field of
 //! view, rays, range and noise takes the place of the kind's defaults.
 //!
-//! | model | field of view (deg) | rays and rate | range (m) | sigma | source |
-//! |---|---|---|---|---|---|
-//! | `livox_mid360` | 360 x -7..52 | 20,000 at 10 Hz, does not repeat | 0.1..40 | 2 cm | Livox Mid-360 user manual v1.2 |
-//! | `livox_avia` | 70.4 x 77.2 | 24,000 at 10 Hz, does not repeat | 1..190 | 2 cm | Livox Avia user manual v1.2 |
-//! | `ouster_os0` | 360 x -45..45 | 64 x 512 at 10 Hz | 0.3..35 | 2 cm | Ouster OS0 data sheet, rev. 7 |
-//! | `ouster_os1` | 360 x -22.5..22.5 | 32 x 512 at 10 Hz | 0.3..90 | 1.5 cm | Ouster OS1 data sheet, rev. 7 |
-//! | `vlp16` | 360 x -15..15 | 16 x 900 at 20 Hz | 0.5..100 | 3 cm | Velodyne VLP-16 user manual, 63-9243 rev. E |
-//! | `realsense_d435` | 87 x 58 | 120 x 68 of 848 x 480 at 15 Hz | 0.3..10 | 0.0025 z^2 | Intel RealSense D400 data sheet |
-//! | `sf45b` | 320 | 640 at 5 Hz | 0.2..50 | 3 cm | LightWare SF45/B product guide |
-//! | `rplidar_s2` | 360 | 1,000 at 10 Hz | 0.05..30 | 3 cm | SLAMTEC RPLIDAR S2 data sheet |
-//! | `ld19` | 360 | 450 at 10 Hz | 0.05..12 | 1 cm | LDROBOT LD19 data sheet |
-//!
 //! Of an Ouster the model with fewer rows is rendered unless the table says more (`rings`, `beams`); of a depth camera what its driver
 //! leaves of an image. A real one says of a ray without an answer no more than that: it is [`super::head::Answer::Unknown`] unless the table
 //! declares `no_return = "clear"`. What answers from beyond `range_max_m`, up to `answers_m`, says that nothing is nearer.
@@ -49,6 +37,7 @@ pub(super) struct Product {
 }
 
 const PRODUCTS: [Product; 9] = [
+    // Livox Mid-360 user manual v1.2.
     Product {
         model: "livox_mid360",
         kind: SensorKind::Lidar3d,
@@ -60,6 +49,7 @@ const PRODUCTS: [Product; 9] = [
             spec.range_max_m.get_or_insert(40.0);
         },
     },
+    // Livox Avia user manual v1.2.
     Product {
         model: "livox_avia",
         kind: SensorKind::Lidar3d,
@@ -74,6 +64,7 @@ const PRODUCTS: [Product; 9] = [
             spec.range_max_m.get_or_insert(190.0);
         },
     },
+    // Ouster OS0 data sheet, rev. 7.
     Product {
         model: "ouster_os0",
         kind: SensorKind::Lidar3d,
@@ -88,6 +79,7 @@ const PRODUCTS: [Product; 9] = [
             spec.range_max_m.get_or_insert(35.0);
         },
     },
+    // Ouster OS1 data sheet, rev. 7.
     Product {
         model: "ouster_os1",
         kind: SensorKind::Lidar3d,
@@ -103,6 +95,7 @@ const PRODUCTS: [Product; 9] = [
             spec.sigma_m.get_or_insert(0.015);
         },
     },
+    // Velodyne VLP-16 user manual, 63-9243 rev. E.
     Product {
         model: "vlp16",
         kind: SensorKind::Lidar3d,
@@ -119,6 +112,7 @@ const PRODUCTS: [Product; 9] = [
             spec.sigma_m.get_or_insert(0.03);
         },
     },
+    // Intel RealSense D400 data sheet.
     Product {
         model: "realsense_d435",
         kind: SensorKind::DepthCamera,
@@ -135,6 +129,7 @@ const PRODUCTS: [Product; 9] = [
             spec.sigma_per_m.get_or_insert(0.0025);
         },
     },
+    // LightWare SF45/B product guide.
     Product {
         model: "sf45b",
         kind: SensorKind::Lidar2d,
@@ -153,6 +148,7 @@ const PRODUCTS: [Product; 9] = [
             spec.sigma_m.get_or_insert(0.03);
         },
     },
+    // SLAMTEC RPLIDAR S2 data sheet.
     Product {
         model: "rplidar_s2",
         kind: SensorKind::Lidar2d,
@@ -165,6 +161,7 @@ const PRODUCTS: [Product; 9] = [
             spec.sigma_m.get_or_insert(0.03);
         },
     },
+    // LDROBOT LD19 data sheet.
     Product {
         model: "ld19",
         kind: SensorKind::Lidar2d,

@@ -4,9 +4,8 @@ use super::STEPS_PER_S;
 use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use jink_emulated_autopilot::{Link, Packet};
+use jink_emulated_autopilot::{Link, Packet, script};
 use jink_simulated_world::vehicle::VehicleConfig;
-use mavlink::MavHeader;
 use mavlink::dialect::*;
 use nalgebra::Vector3;
 
@@ -113,15 +112,7 @@ impl CopterFlight {
 
     /// Queues a message from anybody.
     pub fn from(&mut self, link: Link, system: u32, component: u8, message: MavMessage) {
-        self.inbox.push(Packet {
-            link,
-            header: MavHeader {
-                system_id: system,
-                component_id: component,
-                sequence: 0,
-            },
-            message,
-        });
+        self.inbox.push(script::packet(link, system, component, message));
     }
 
     /// Queues a message of the companion.
@@ -141,31 +132,9 @@ impl CopterFlight {
 
     /// Asks on a link and returns the result.
     pub fn ask_on(&mut self, link: Link, command: MavCmd, parameters: [f32; 7]) -> MavResult {
-        let [param1, param2, param3, param4, param5, param6, param7] = parameters;
-        let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            param1,
-            param2,
-            param3,
-            param4,
-            param5,
-            param6,
-            param7,
-            command,
-            target_system: 1,
-            target_component: 1,
-            confirmation: 0,
-        });
-        self.from(link, 1, 191, message);
+        self.from(link, 1, 191, script::command(command, parameters));
         self.step();
-        self.received
-            .iter()
-            .find_map(|packet| match &packet.message {
-                MavMessage::COMMAND_ACK(ack) if packet.link == link && ack.command == command => {
-                    Some(ack.result)
-                }
-                _ => None,
-            })
-            .expect("an acknowledgement")
+        script::result_of(&self.received, link, command).expect("an acknowledgement")
     }
 
     /// Sets a mode.
@@ -205,13 +174,8 @@ impl CopterFlight {
 
     /// PARAM_SET.
     pub fn set(&mut self, name: &str, value: f32) {
-        self.companion(MavMessage::PARAM_SET(PARAM_SET_DATA {
-            param_value: value,
-            target_system: 1,
-            target_component: 1,
-            param_id: name.into(),
-            param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
-        }));
+        let kind = MavParamType::MAV_PARAM_TYPE_REAL32;
+        self.companion(script::parameter(name, value, kind));
     }
 
     /// Sticks of the ground station: roll, pitch, throttle, yaw.
@@ -284,26 +248,13 @@ impl CopterFlight {
 
     /// Uploads items from the ground station.
     pub fn upload(&mut self, items: &[MISSION_ITEM_INT_DATA]) -> MavMissionResult {
-        self.station(MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-            count: items.len() as u16,
-            target_system: 1,
-            target_component: 1,
-            ..MISSION_COUNT_DATA::default()
-        }));
+        self.station(script::mission_count(items.len()));
         for _ in 0..2_000 {
             self.step();
-            let mut wanted = None;
-            for packet in &self.received {
-                match &packet.message {
-                    MavMessage::MISSION_REQUEST_INT(request) => wanted = Some(request.seq),
-                    MavMessage::MISSION_ACK(ack) => return ack.mavtype,
-                    _ => {}
-                }
-            }
-            if let Some(seq) = wanted {
-                let mut item = items[usize::from(seq)].clone();
-                (item.seq, item.target_system, item.target_component) = (seq, 1, 1);
-                self.station(MavMessage::MISSION_ITEM_INT(item));
+            match script::uploaded(&self.received, items) {
+                Some(Ok(item)) => self.station(item),
+                Some(Err(result)) => return result,
+                None => {}
             }
         }
         panic!("no acknowledgement of the mission");
@@ -374,24 +325,9 @@ pub fn setpoint_in(
     velocity: Vector3<f64>,
     acceleration: Vector3<f64>,
 ) -> MavMessage {
-    let floats = |v: Vector3<f64>| -> [f32; 3] { [v.x as f32, v.y as f32, v.z as f32] };
-    let ([x, y, z], [vx, vy, vz], [afx, afy, afz]) =
-        (floats(position), floats(velocity), floats(acceleration));
     MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-        x,
-        y,
-        z,
-        vx,
-        vy,
-        vz,
-        afx,
-        afy,
-        afz,
-        type_mask: PositionTargetTypemask::from_bits_retain(mask),
         coordinate_frame: frame,
-        target_system: 1,
-        target_component: 1,
-        ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
+        ..script::setpoint(mask, [position, velocity, acceleration])
     })
 }
 

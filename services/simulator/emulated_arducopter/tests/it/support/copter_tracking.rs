@@ -8,13 +8,9 @@ use super::copter::{
     CopterFlight, POSITION, POSITION_VELOCITY, PVA, VELOCITY, VELOCITY_ACCELERATION, at, level, setpoint,
 };
 use jink_emulated_autopilot::Autopilot;
-use jink_emulated_autopilot::reference::{Reference, wave};
+use jink_emulated_autopilot::reference::{self, COUNT_TO_S, Reference, STOP_WATCHED_S, wave};
 use nalgebra::Vector3;
 
-/// Errors count from here (s).
-const COUNT_FROM_S: f64 = 5.0;
-/// Errors count to here (s).
-const COUNT_TO_S: f64 = 14.0;
 /// How old a position is when a script has received it (s). Fitted, the same for every row: at 2 m/s on a straight line nothing
 /// else is left of the error.
 const POSITION_AGE_S: f64 = 0.01;
@@ -126,18 +122,11 @@ fn ready(sender: Sender, reference: &Reference, parameters: &[(&str, f64)]) -> C
 pub fn tracking(row: &Row) -> Errors {
     let mut flight = ready(row.sender, &row.reference, row.parameters);
     let track = fly(&mut flight, row.sender, &row.reference, 0.0, COUNT_TO_S);
-    let counted = track.iter().filter(|(t, _)| *t >= COUNT_FROM_S);
-    let mut errors: Vec<f64> = Vec::new();
-    let mut cross_max = 0.0f64;
-    for (t, position) in counted {
-        errors.push((position - row.reference.position(*t)).xy().norm());
-        cross_max = cross_max.max(row.reference.cross(position));
-    }
-    errors.sort_by(f64::total_cmp);
+    let strays = reference::Errors::of(&row.reference, &track);
     Errors {
-        p50: errors[errors.len() / 2],
-        max: errors[errors.len() - 1],
-        cross_max,
+        p50: strays.total[0],
+        max: strays.total[1],
+        cross_max: strays.cross[1],
     }
 }
 
@@ -243,9 +232,8 @@ pub struct Stop {
 /// How far past the end the emulator goes (m).
 pub fn overshoot(stop: &Stop) -> f64 {
     let mut flight = ready(stop.sender, &stop.reference, stop.parameters);
-    let track = fly(&mut flight, stop.sender, &stop.reference, 0.0, 18.0);
-    let end = stop.reference.position(18.0).x;
-    track.iter().map(|(_, p)| p.x - end).fold(f64::MIN, f64::max)
+    let track = fly(&mut flight, stop.sender, &stop.reference, 0.0, STOP_WATCHED_S);
+    stop.reference.overshoot(&track)
 }
 
 /// The stop table.

@@ -3,10 +3,11 @@
 use super::tracking_current::LIGHT;
 use super::{Answer, Flight, north_east};
 use jink_emulated_autopilot::Autopilot;
-use jink_emulated_autopilot::Link;
+use jink_emulated_autopilot::{Link, script};
 use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialect::*;
+use nalgebra::Vector3;
 
 /// Bits of the type mask: position, velocity, acceleration, heading rate are ignored.
 pub const NO_POSITION: u16 = 0x007;
@@ -39,13 +40,8 @@ pub fn holding(parameters: &[(&str, f64)]) -> Flight {
 
 /// From the ground to Hold 5 m up.
 pub fn lift(flight: &mut Flight) {
-    let height = MavMessage::PARAM_SET(PARAM_SET_DATA {
-        param_value: 5.0,
-        target_system: 1,
-        target_component: 1,
-        param_id: "MIS_TAKEOFF_ALT".into(),
-        param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
-    });
+    let real = MavParamType::MAV_PARAM_TYPE_REAL32;
+    let height = script::parameter("MIS_TAKEOFF_ALT", 5.0, real);
     flight.from(Link::GroundStation, 255, 190, height);
     flight.run(2.5);
     assert_eq!(flight.set_mode(NavMode::Hold), MavResult::MAV_RESULT_ACCEPTED);
@@ -54,21 +50,7 @@ pub fn lift(flight: &mut Flight) {
 
 /// A setpoint with everything the mask does not ignore.
 pub fn setpoint(position: [f64; 3], velocity: [f64; 3], mask: u16) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
-    let [x, y, z] = position.map(|c| c as f32);
-    let [vx, vy, vz] = velocity.map(|c| c as f32);
-    SET_POSITION_TARGET_LOCAL_NED_DATA {
-        x,
-        y,
-        z,
-        vx,
-        vy,
-        vz,
-        type_mask: PositionTargetTypemask::from_bits_truncate(mask),
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
-        target_system: 1,
-        target_component: 1,
-        ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
-    }
+    script::setpoint(mask, [position.into(), velocity.into(), Vector3::zeros()])
 }
 
 /// A place to stay at.
@@ -187,21 +169,13 @@ pub fn travel_north(flight: &mut Flight, sticks: bool) -> f64 {
 
 /// Asks for a message of the companion's link at an interval (s).
 pub fn ask_for(flight: &mut Flight, id: u32, interval_s: f64) -> MavResult {
-    let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        param1: id as f32,
-        param2: (interval_s * 1e6) as f32,
-        command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
-        target_system: 1,
-        target_component: 1,
-        ..COMMAND_LONG_DATA::default()
-    });
+    let message = script::message_interval(id, (interval_s * 1e6) as f32);
     flight.companion(196, message);
     for _ in 0..10 {
         flight.step();
-        for packet in &flight.received {
-            if let MavMessage::COMMAND_ACK(ack) = &packet.message {
-                return ack.result;
-            }
+        let command = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
+        if let Some(result) = script::result_of(&flight.received, Link::Companion, command) {
+            return result;
         }
     }
     panic!("no acknowledgement");

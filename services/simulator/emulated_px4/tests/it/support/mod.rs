@@ -11,11 +11,10 @@ pub mod travel;
 
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::modes::px4::custom_mode;
-use jink_emulated_autopilot::{Link, Packet};
+use jink_emulated_autopilot::{Link, Packet, script};
 use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::geo::Projection;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::MavHeader;
 use mavlink::dialect::*;
 use nalgebra::Vector3;
 
@@ -121,34 +120,17 @@ impl Flight {
 
     /// Queues a message from anybody.
     pub fn from(&mut self, link: Link, system: u32, component: u8, message: MavMessage) {
-        self.inbox.push(Packet {
-            link,
-            header: MavHeader {
-                system_id: system,
-                component_id: component,
-                sequence: 0,
-            },
-            message,
-        });
+        self.inbox.push(script::packet(link, system, component, message));
     }
 
     /// Queues a command from the ground station.
     pub fn command(&mut self, command: MavCmd, parameters: [f32; 7]) {
-        let [param1, param2, param3, param4, param5, param6, param7] = parameters;
-        let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            param1,
-            param2,
-            param3,
-            param4,
-            param5,
-            param6,
-            param7,
-            command,
-            target_system: 1,
-            target_component: 1,
-            confirmation: 0,
-        });
-        self.from(Link::GroundStation, 255, 190, message);
+        self.from(
+            Link::GroundStation,
+            255,
+            190,
+            script::command(command, parameters),
+        );
     }
 
     /// Runs until the acknowledgement of `command` and returns its result.
@@ -156,12 +138,8 @@ impl Flight {
         self.command(command, parameters);
         for _ in 0..250 {
             self.step();
-            for packet in &self.received {
-                if let MavMessage::COMMAND_ACK(ack) = &packet.message
-                    && ack.command == command
-                {
-                    return ack.result;
-                }
+            if let Some(result) = script::result_of(&self.received, Link::GroundStation, command) {
+                return result;
             }
         }
         panic!("no acknowledgement of {command:?}");
@@ -186,15 +164,9 @@ impl Flight {
     pub fn upload(&mut self, waypoints: &[[f64; 3]]) {
         let items: Vec<MISSION_ITEM_INT_DATA> = waypoints
             .iter()
-            .map(|w| MISSION_ITEM_INT_DATA {
-                command: MavCmd::MAV_CMD_NAV_WAYPOINT,
-                frame: MavFrame::MAV_FRAME_LOCAL_NED,
-                x: (w[0] * 1e4).round() as i32,
-                y: (w[1] * 1e4).round() as i32,
-                z: w[2] as f32,
-                param4: f32::NAN,
-                autocontinue: 1,
-                ..MISSION_ITEM_INT_DATA::default()
+            .map(|w| {
+                let [x, y] = [w[0], w[1]].map(|m| (m * 1e4).round() as i32);
+                waypoint_item(MavFrame::MAV_FRAME_LOCAL_NED, x, y, w[2] as f32)
             })
             .collect();
         self.upload_items(&items);
@@ -202,32 +174,27 @@ impl Flight {
 
     /// Uploads items as they are, numbered in order.
     pub fn upload_items(&mut self, items: &[MISSION_ITEM_INT_DATA]) -> MavMissionResult {
-        let count = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-            count: items.len() as u16,
-            target_system: 1,
-            target_component: 1,
-            ..MISSION_COUNT_DATA::default()
-        });
+        let count = script::mission_count(items.len());
         self.from(Link::GroundStation, 255, 190, count);
         for _ in 0..2_000 {
             self.step();
-            let mut requested = None;
-            for packet in &self.received {
-                match &packet.message {
-                    MavMessage::MISSION_REQUEST_INT(request) => requested = Some(request.seq),
-                    MavMessage::MISSION_ACK(ack) => return ack.mavtype,
-                    _ => {}
-                }
-            }
-            if let Some(seq) = requested {
-                let mut item = items[usize::from(seq)].clone();
-                item.seq = seq;
-                item.target_system = 1;
-                item.target_component = 1;
-                self.from(Link::GroundStation, 255, 190, MavMessage::MISSION_ITEM_INT(item));
+            match script::uploaded(&self.received, items) {
+                Some(Ok(item)) => self.from(Link::GroundStation, 255, 190, item),
+                Some(Err(result)) => return result,
+                None => {}
             }
         }
         panic!("no acknowledgement of the mission");
+    }
+
+    /// The ground station removes the mission.
+    pub fn clear_mission(&mut self) {
+        let clear = MavMessage::MISSION_CLEAR_ALL(MISSION_CLEAR_ALL_DATA {
+            target_system: 1,
+            target_component: 1,
+            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+        });
+        self.from(Link::GroundStation, 255, 190, clear);
     }
 
     /// Runs for `seconds`.
@@ -255,6 +222,15 @@ impl Flight {
         assert_eq!(self.set_mode(NavMode::Hold), MavResult::MAV_RESULT_ACCEPTED);
         self.take_off();
         assert_eq!(self.set_mode(NavMode::Mission), MavResult::MAV_RESULT_ACCEPTED);
+    }
+
+    /// From boot to a take-off that nobody waits for: the companion may have failed it by then.
+    pub fn begin_take_off(&mut self) {
+        self.run(2.0);
+        self.set_mode(NavMode::Hold);
+        self.run(1.0);
+        self.arm();
+        self.set_mode(NavMode::Takeoff);
     }
 
     /// From Hold on the ground to Hold in the air. The companion's stream must run before it is asked for, so wait for it.
@@ -338,6 +314,41 @@ impl Flight {
             self.companion(196, reply);
         }
     }
+}
+
+/// An item that is a waypoint.
+pub fn waypoint_item(frame: MavFrame, x: i32, y: i32, z: f32) -> MISSION_ITEM_INT_DATA {
+    MISSION_ITEM_INT_DATA {
+        command: MavCmd::MAV_CMD_NAV_WAYPOINT,
+        frame,
+        x,
+        y,
+        z,
+        param4: f32::NAN,
+        autocontinue: 1,
+        ..MISSION_ITEM_INT_DATA::default()
+    }
+}
+
+/// On the ground without a companion, which nothing demands.
+pub fn alone() -> Flight {
+    let mut flight = Flight::with(&[("COM_OBS_AVOID", 0.0)]);
+    flight.heartbeat = None;
+    flight.answer = Answer::Silent;
+    flight
+}
+
+/// PARAM_SET by the ground station that switches avoidance on, at vehicle `system`.
+pub fn demand_avoidance(flight: &mut Flight, system: u8) {
+    let mut set = script::parameter(
+        "COM_OBS_AVOID",
+        f32::from_bits(1),
+        MavParamType::MAV_PARAM_TYPE_INT32,
+    );
+    if let MavMessage::PARAM_SET(set) = &mut set {
+        set.target_system = system;
+    }
+    flight.from(Link::GroundStation, 255, 190, set);
 }
 
 /// Point 0 sent back as a companion would.

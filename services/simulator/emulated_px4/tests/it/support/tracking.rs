@@ -3,25 +3,19 @@
 //! Errors from 5 s to 14 s: along (negative = behind) at the same time, cross against the
 //! nearest point of the path. Stops: minimum jerk with the given peak deceleration, how far past the end.
 
+use super::current::NO_YAW_RATE;
 use super::{Answer, Flight, STEPS_PER_S, waypoint};
 use jink_emulated_autopilot::Autopilot;
-use jink_emulated_autopilot::Link;
-use jink_emulated_autopilot::reference::{LEVEL_DOWN_M, Reference, wave};
+use jink_emulated_autopilot::reference::{COUNT_TO_S, Errors, LEVEL_DOWN_M, Reference, STOP_WATCHED_S, wave};
+use jink_emulated_autopilot::{Link, script};
 use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialect::*;
 use nalgebra::Vector3;
 
-/// Errors count from here (s).
-const COUNT_FROM_S: f64 = 5.0;
-/// Errors count to here (s).
-const COUNT_TO_S: f64 = 14.0;
 /// How old a position is when a script has received it (s). The figures compare with the reference at the time of
 /// reception; this age (telemetry cycle, UDP, interpreter) is fitted, and is the same for every row.
 const POSITION_AGE_S: f64 = 0.025;
-/// How long a flight that stops is watched (s).
-pub(super) const STOP_WATCHED_S: f64 = 18.0;
-
 /// How the reference is sent.
 #[derive(Clone, Copy)]
 pub enum Sender {
@@ -71,25 +65,13 @@ fn message(sender: Sender, reference: &Reference, t: f64) -> MavMessage {
             position_ahead_s,
             rest_ahead_s,
         } => {
-            let [x, y, z] = floats(reference.position(t + position_ahead_s));
-            let [vx, vy, vz] = floats(reference.velocity(t + rest_ahead_s));
-            let [afx, afy, afz] = floats(reference.acceleration(t + rest_ahead_s));
-            MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-                x,
-                y,
-                z,
-                vx,
-                vy,
-                vz,
-                afx,
-                afy,
-                afz,
-                type_mask: PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE,
-                coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
-                target_system: 1,
-                target_component: 1,
-                ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
-            })
+            let rest_s = t + rest_ahead_s;
+            let motion = [
+                reference.position(t + position_ahead_s),
+                reference.velocity(rest_s),
+                reference.acceleration(rest_s),
+            ];
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(script::setpoint(NO_YAW_RATE, motion))
         }
     }
 }
@@ -169,47 +151,12 @@ pub fn tracking(row: &Row) -> [f64; 4] {
     [errors.along[0], errors.along[1], errors.cross[0], errors.cross[1]]
 }
 
-/// How far a flight strays from its reference (m).
-pub struct Errors {
-    /// Distance at the same time: median, largest.
-    pub total: [f64; 2],
-    /// Along the path: median, furthest behind.
-    pub along: [f64; 2],
-    /// From the nearest point of the path: median, largest.
-    pub cross: [f64; 2],
-}
-
-impl Errors {
-    /// In the order of the table.
-    pub fn list(&self) -> [f64; 6] {
-        let [total, along, cross] = [self.total, self.along, self.cross];
-        [total[0], total[1], along[0], along[1], cross[0], cross[1]]
-    }
-}
-
 /// `age_s`: how old the positions are that are compared with the reference.
 pub(super) fn errors(config: Px4Config, sender: Sender, reference: &Reference, age_s: f64) -> Errors {
     let mut flight = airborne(config, sender, reference);
     let track = fly(&mut flight, sender, reference, 0.0, COUNT_TO_S, true);
-    let (mut total, mut along, mut cross) = (Vec::new(), Vec::new(), Vec::new());
-    let aged = track.iter().map(|(t, position)| (t + age_s, position));
-    for (t, position) in aged.filter(|(t, _)| *t >= COUNT_FROM_S) {
-        let error = (position - reference.position(t)).xy();
-        let direction = reference.velocity(t).xy().normalize();
-        total.push(error.norm());
-        along.push(error.dot(&direction));
-        cross.push(reference.cross(position));
-    }
-    for list in [&mut total, &mut along, &mut cross] {
-        list.sort_by(f64::total_cmp);
-    }
-    let middle = along.len() / 2;
-    let last = along.len() - 1;
-    Errors {
-        total: [total[middle], total[last]],
-        along: [along[middle], along[0]],
-        cross: [cross[middle], cross[last]],
-    }
+    let aged: Vec<_> = track.into_iter().map(|(t, at)| (t + age_s, at)).collect();
+    Errors::of(reference, &aged)
 }
 
 /// How far past the end the emulator goes (m).
@@ -217,8 +164,7 @@ pub fn overshoot(stop: &Stop) -> f64 {
     let (sender, reference) = (stop.sender, &stop.reference);
     let mut flight = airborne(Px4Config::default(), sender, reference);
     let track = fly(&mut flight, sender, reference, 0.0, STOP_WATCHED_S, true);
-    let end = reference.position(STOP_WATCHED_S).x;
-    track.iter().map(|(_, p)| p.x - end).fold(f64::MIN, f64::max)
+    reference.overshoot(&track)
 }
 
 pub(super) const fn offboard(position_ahead_s: f64, rest_ahead_s: f64) -> Sender {

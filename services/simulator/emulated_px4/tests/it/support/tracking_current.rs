@@ -2,8 +2,8 @@
 //!
 //! The references are those of [`tracking`](super::tracking): position, velocity and acceleration at 50 Hz.
 
-use super::tracking::{Errors, STOP_WATCHED_S, Sender, airborne, errors, fly, offboard};
-use jink_emulated_autopilot::reference::{Reference, STOP_AT_S, wave};
+use super::tracking::{Sender, airborne, errors, fly, offboard};
+use jink_emulated_autopilot::reference::{Errors, Reference, STOP_AT_S, STOP_WATCHED_S, wave};
 use jink_emulated_px4::Px4Config;
 
 /// Light drag (N/(m/s)).
