@@ -6,7 +6,6 @@
 use crate::layout::{Layout, ZeroCopySend};
 use crate::shape::Shape;
 use std::fmt;
-use std::time::Duration;
 
 /// A moment: nanoseconds of CLOCK_MONOTONIC. Zero means "never".
 #[repr(transparent)]
@@ -101,15 +100,6 @@ impl Timestamp {
         let ns = (beats * SECOND_NS).div_ceil(rate);
         Self {
             ns: u64::try_from(ns).unwrap_or(u64::MAX),
-        }
-    }
-
-    /// The moment `duration` later.
-    pub fn plus(self, duration: Duration) -> Self {
-        Self {
-            ns: self
-                .ns
-                .saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)),
         }
     }
 }

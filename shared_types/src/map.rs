@@ -109,12 +109,6 @@ pub mod declared_as {
         (NO_OVERHANG, "no overhang"),
         (NO_RETURN, "no return is clear"),
     ];
-
-    /// The names of the bits in `declarations`, separated by commas; empty for none.
-    pub fn names(declarations: u8) -> String {
-        let names = NAMES.iter().filter(|(bit, _)| declarations & bit != 0);
-        names.map(|(_, name)| *name).collect::<Vec<_>>().join(", ")
-    }
 }
 
 crate::sample! {

@@ -131,9 +131,6 @@ pub struct PoseHistory {
 }
 
 impl PoseHistory {
-    /// States that are kept.
-    pub const STATES: usize = STATES;
-
     /// Empty.
     pub fn new(reach: Reach) -> Self {
         let nowhere = Estimate {

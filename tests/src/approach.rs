@@ -64,15 +64,6 @@ pub enum Variant {
 }
 
 impl Variant {
-    /// All of them.
-    pub const ALL: [Self; 5] = [
-        Self::Usual,
-        Self::NoDelaySet,
-        Self::NearSighted,
-        Self::StampedOnArrival,
-        Self::Gusts,
-    ];
-
     /// For the table.
     pub fn name(self) -> &'static str {
         match self {

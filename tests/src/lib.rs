@@ -3,7 +3,7 @@
 
 pub mod approach;
 pub mod assisted;
-pub mod board;
+mod board;
 pub mod campaign;
 pub mod flights;
 pub mod lockstep;

@@ -36,7 +36,6 @@ use jink_shared_types::param_messages::ParameterChange;
 use jink_shared_types::params::OA_VEH_RADIUS;
 use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::truth::SimTruth;
-use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Timestamp};
 use jink_simulated_world::vehicle::STEP_US;
 use jink_simulated_world::world::World;
@@ -172,7 +171,6 @@ impl LockStep {
                 route: Box::default(),
                 approved: Box::default(),
                 prevented: PreventedDemand::default(),
-                state: VehicleState::default(),
             },
             board,
             bus,
@@ -346,7 +344,6 @@ impl LockStep {
             route,
             approved,
             prevented,
-            state,
             link,
             events,
             ..
@@ -354,7 +351,6 @@ impl LockStep {
         maps.latest(now);
         route.latest(now);
         prevented.latest(now);
-        state.latest(now);
         link.latest(now);
         approved.each(|approved| {
             let is_braked = approved.verdict == Verdict::Braked;

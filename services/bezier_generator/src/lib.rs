@@ -11,8 +11,8 @@
 //! the limits. Failing is safe: the base continues and ends at rest. When no curve is found, only a route that must be
 //! left is answered with its stop, which the planner has certified.
 
-pub mod heading;
-pub mod interior_point;
+mod heading;
+mod interior_point;
 pub mod problem;
 pub mod profile;
 mod service;

@@ -51,16 +51,6 @@ impl Points {
         }
     }
 
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        self.len
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
     /// Where the sensor sits, as configured (body, m).
     pub fn origin(&self) -> Point3<f64> {
         self.origin

@@ -16,8 +16,8 @@
 //! MAV_CMD_USER_1 (assisted flight) and the protocol of missions stay with the gateway: both decide which setpoints leave next, in the
 //! same cycle, and are worth nothing without it.
 
-pub mod board;
-pub mod commands;
+mod board;
+mod commands;
 pub mod computer;
 mod files;
 mod ground_services;

@@ -16,7 +16,7 @@ pub mod drawing;
 pub mod drill;
 pub mod fault_matrix;
 pub mod flight_log;
-pub mod handover;
+mod handover;
 pub mod latency;
 pub mod picture;
 pub mod rig;

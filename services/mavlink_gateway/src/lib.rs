@@ -61,7 +61,7 @@ mod io;
 pub mod landed_state;
 mod note;
 mod obstacles;
-pub mod profile;
+mod profile;
 
 mod radio_share;
 pub mod ranges;

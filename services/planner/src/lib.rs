@@ -26,35 +26,35 @@
 //! pieces of certified space around it ([`corridor`]), in the highest [speed tier](mod@speed_tiers) that is worth it.
 //! The guide may also be one that another program proposes ([`proposed_path`]).
 
-pub mod bit_layer;
+mod bit_layer;
 mod certified_route;
 mod committed_trajectory;
 pub mod configuration_space;
-pub mod corridor;
+mod corridor;
 mod departure;
 mod detours;
 mod evasion;
-pub mod following;
+mod following;
 mod goal;
-pub mod guide;
+mod guide;
 mod map_inputs;
 mod moving;
 mod path_choice;
 mod planning;
-pub mod progress;
+mod progress;
 mod proposals;
-pub mod proposed_path;
+mod proposed_path;
 mod reports;
-pub mod search;
+mod search;
 mod sensor_coverage;
 mod service;
 pub mod speed_tiers;
 mod stopping;
-pub mod stops;
+mod stops;
 mod tracking;
 mod unflown;
 mod viewpoint_moves;
-pub mod viewpoints;
+mod viewpoints;
 
 pub use departure::SPLICE_LEAD_S;
 pub use service::PlannerService;

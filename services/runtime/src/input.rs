@@ -204,11 +204,6 @@ impl<T: Layout> Input<T> {
         self
     }
 
-    /// The topic's name.
-    pub fn name(&self) -> &str {
-        &self.port.name
-    }
-
     /// Samples that were overwritten before they could be read; not counted where several producers publish at once.
     pub fn lost(&self) -> u64 {
         self.port.lost

@@ -60,32 +60,32 @@
 //! | [`logging`] | `tracing` for people and for journals |
 
 pub mod cleanup;
-pub mod clock;
+mod clock;
 pub mod descriptors;
 pub mod device;
-pub mod events;
+mod events;
 pub mod heartbeat;
-pub mod input;
-pub mod instance;
+mod input;
+mod instance;
 pub mod lockstep;
 pub mod logging;
 mod open_error;
-pub mod output;
+mod output;
 mod ownership;
-pub mod param_store;
+mod param_store;
 pub mod ports;
 mod prefault;
-pub mod process_loop;
+mod process_loop;
 pub mod procfs;
 pub mod programs;
-pub mod ranges;
+mod ranges;
 pub mod realtime;
 pub mod request;
 mod running;
 pub mod serial;
 pub mod service;
 pub mod session;
-pub mod setup;
+mod setup;
 mod transport;
 
 pub use jink_config as config;

@@ -94,11 +94,6 @@ impl ParamStore {
         }
     }
 
-    /// Where it is.
-    pub fn file(&self) -> &Path {
-        &self.file
-    }
-
     /// The stored values over the configured ones, and what could not be used. A file that is not there is an empty one.
     pub fn load(&self) -> (ParamSet, Vec<StoreError>) {
         let mut set = self.configured.clone();
@@ -152,15 +147,7 @@ impl ParamStore {
         text
     }
 
-    /// Writes what differs from the configuration, at once.
-    ///
-    /// # Errors
-    /// What the file system says; the old file is then still in place.
-    pub fn save(&self, set: &ParamSet) -> io::Result<()> {
-        write_atomically(&self.file, &self.text(set))
-    }
-
-    /// The same by a thread of its own, started at the first change.
+    /// Writes what differs from the configuration, by a thread of its own that is started at the first change.
     pub fn writer(self) -> StoreWriter {
         StoreWriter {
             store: self,
@@ -249,7 +236,7 @@ impl StoreWriter {
 
 #[cfg(test)]
 mod tests {
-    use super::{ParamStore, StoreError};
+    use super::{ParamStore, StoreError, write_atomically};
     use crate::config::Config;
     use jink_shared_types::params::{OA_ALT_MAX, OA_GOAL_RAD, OA_SPD_MAX, ParamSet, TABLE};
     use proptest::prelude::*;
@@ -273,8 +260,8 @@ mod tests {
 
         fn write(&self, bytes: &[u8]) -> ParamStore {
             let store = self.store();
-            std::fs::create_dir_all(store.file().parent().unwrap()).unwrap();
-            std::fs::write(store.file(), bytes).unwrap();
+            std::fs::create_dir_all(store.file.parent().unwrap()).unwrap();
+            std::fs::write(&store.file, bytes).unwrap();
             store
         }
     }
@@ -292,16 +279,14 @@ mod tests {
         assert!(store.configured.set("OA_ALT_MAX", 50.0).is_ok());
         let mut set = store.configured.clone();
         assert!(set.set("OA_SPD_MAX", 4.0).is_ok());
-        store.save(&set).unwrap();
+        write_atomically(&store.file, &store.text(&set)).unwrap();
         // Meanwhile somebody has changed the configuration.
         assert!(store.configured.set("OA_ALT_MAX", 60.0).is_ok());
         assert!(store.configured.set("OA_SPD_MAX", 2.0).is_ok());
         let (loaded, refused) = store.load();
         assert_eq!((loaded.get(&OA_SPD_MAX), loaded.get(&OA_ALT_MAX)), (4.0, 60.0));
         assert!(refused.is_empty(), "{refused:?}");
-        let left: Vec<_> = std::fs::read_dir(store.file().parent().unwrap())
-            .unwrap()
-            .collect();
+        let left: Vec<_> = std::fs::read_dir(store.file.parent().unwrap()).unwrap().collect();
         assert_eq!(left.len(), 1, "{left:?}");
     }
 
@@ -355,7 +340,7 @@ mod tests {
         let folder = Folder::new("failure");
         let store = folder.write(b"");
         let in_the_way = ParamStore {
-            file: store.file().join("parameters.toml"),
+            file: store.file.join("parameters.toml"),
             ..store
         };
         let mut writer = in_the_way.writer();
@@ -376,7 +361,7 @@ mod tests {
                 // Rows of whole numbers refuse most of them, and keep their default.
                 let _refused = set.set(row.name, value);
             }
-            store.save(&set).unwrap();
+            write_atomically(&store.file, &store.text(&set)).unwrap();
             prop_assert_eq!(store.load().0, set);
         }
 

@@ -13,12 +13,12 @@
 //! The shape follows Erlang/OTP's supervisors (start order, reverse stop, restart intensity within a period); detection
 //! follows Linux (a death is seen through its pidfd) and the heartbeat contract in [`jink_shared_types::health`].
 
-pub mod health;
-pub mod policy;
+mod health;
+mod policy;
 mod process;
 pub mod program;
 pub mod shadow;
 pub mod shared;
-pub mod slowness;
+mod slowness;
 pub mod supervision;
 pub mod table;

@@ -22,16 +22,16 @@
 
 pub mod autopilot;
 pub mod builds;
-pub mod flight;
+mod flight;
 pub mod jink;
-pub mod judge;
-pub mod mission;
-pub mod record;
-pub mod relay;
+mod judge;
+mod mission;
+mod record;
+mod relay;
 pub mod runner;
 pub mod scenarios;
-pub mod script;
+mod script;
 pub mod setup;
-pub mod station;
+mod station;
 pub mod table;
-pub mod wire;
+mod wire;

@@ -445,19 +445,6 @@ impl Station {
             }));
         }
     }
-
-    /// Sticks in the middle, for modes in which a silent throttle counts as low.
-    pub fn centre_sticks(&self) {
-        self.say(MavMessage::RC_CHANNELS_OVERRIDE(RC_CHANNELS_OVERRIDE_DATA {
-            chan1_raw: 1500,
-            chan2_raw: 1500,
-            chan3_raw: 1500,
-            chan4_raw: 1500,
-            target_system: self.target,
-            target_component: 1,
-            ..RC_CHANNELS_OVERRIDE_DATA::default()
-        }));
-    }
 }
 
 /// Parameters of PX4 that scripts set and that are whole numbers.

@@ -87,8 +87,6 @@ impl Wire {
 /// A frame of which somebody wants to know.
 #[derive(Debug)]
 pub struct Seen {
-    /// System that sent it.
-    pub system: u8,
     /// Component that sent it.
     pub component: u8,
     /// Message type.
@@ -120,7 +118,6 @@ pub fn frames(
             _ => None,
         };
         each(Seen {
-            system: frame.header.system_id as u8,
             component: frame.header.component_id,
             id: frame.message_id,
             bytes: frame.bytes.len(),

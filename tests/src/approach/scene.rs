@@ -92,11 +92,6 @@ impl Scene {
         Self::ALL.into_iter().find(|scene| scene.name() == name)
     }
 
-    /// Whether it can be passed while everything keeps its distance.
-    pub fn can_be_passed(self) -> bool {
-        matches!(self, Self::Post | Self::WideGap | Self::Crossing)
-    }
-
     /// Whether something in it moves.
     pub fn moves(self) -> bool {
         matches!(self, Self::Crossing | Self::Towards)

@@ -12,7 +12,6 @@ use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, MotionState, Route, TrajectoryMode};
 use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::truth::SimTruth;
-use jink_shared_types::vehicle::VehicleState;
 use jink_simulator::service::VehicleService;
 
 impl LockStep {
@@ -61,12 +60,6 @@ impl LockStep {
     pub fn map(&self) -> &LocalMap {
         let newest = self.spectator.map.newest();
         newest.map_or(&*self.nothing.map, |map| map.sample)
-    }
-
-    /// The newest vehicle state, as the board knows it.
-    pub fn state(&self) -> &VehicleState {
-        let newest = self.spectator.state.newest();
-        newest.map_or(&self.nothing.state, |state| state.sample)
     }
 
     /// Whether a pilot is assisted, as the gateway said last.

@@ -9,7 +9,6 @@ use jink_shared_types::motion::{ApprovedTrajectory, Route};
 use jink_shared_types::param_messages::ParameterChange;
 use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::topics;
-use jink_shared_types::vehicle::VehicleState;
 
 /// What a spectator reads.
 pub(super) struct Spectator {
@@ -17,7 +16,6 @@ pub(super) struct Spectator {
     pub(super) route: Input<Route>,
     pub(super) approved: Input<ApprovedTrajectory>,
     pub(super) prevented: Input<PreventedDemand>,
-    pub(super) state: Input<VehicleState>,
     pub(super) link: Input<LinkStatus>,
     pub(super) events: Input<EventSample>,
     pub(super) change: Output<ParameterChange>,
@@ -31,7 +29,6 @@ impl Spectator {
             route: session.input(topics::ROUTE, "")?,
             approved: session.input(topics::APPROVED, "")?,
             prevented: session.input(topics::PREVENTED, "")?,
-            state: session.input(topics::VEHICLE_STATE, "")?,
             link: session.input(topics::LINK_STATUS, "")?,
             events: session.input(topics::EVENT, "")?,
             change: session.output(topics::PARAMETER_CHANGE, "", 1)?,
@@ -45,5 +42,4 @@ pub(super) struct Nothing {
     pub(super) route: Box<Route>,
     pub(super) approved: Box<ApprovedTrajectory>,
     pub(super) prevented: PreventedDemand,
-    pub(super) state: VehicleState,
 }

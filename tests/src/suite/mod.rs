@@ -4,11 +4,11 @@
 //! The vehicle is half a metre wide. Worlds follow the published ones as closely as their texts allow
 //! ([`jink_simulated_world::world::Benchmark`]); how hard each is, is stated beside its result ([`difficulty`]).
 
-pub mod anchors;
-pub mod difficulty;
+pub(crate) mod anchors;
+pub(crate) mod difficulty;
 pub mod hindrance;
-pub mod judge;
-pub mod picture;
+pub(crate) mod judge;
+pub(crate) mod picture;
 
 use crate::campaign::Cell;
 use hindrance::{Degraded, Hindrance, Movers};

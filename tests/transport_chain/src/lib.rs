@@ -14,7 +14,7 @@
 //! | [`chain`] | all of them, started, watched and ended; what was measured |
 //! | [`program`] | the command line of a program that measures transports |
 
-pub mod chain;
+mod chain;
 pub mod message;
 pub mod program;
 pub mod stage;

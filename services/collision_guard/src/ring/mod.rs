@@ -279,11 +279,6 @@ impl Ring {
         RingQuery::new(self, now)
     }
 
-    /// Radius of the vehicle (m).
-    pub fn vehicle_radius_m(&self) -> f64 {
-        self.envelope.radius_m
-    }
-
     /// The vehicle's poses at the first and at the last of `rays`.
     fn begin(&mut self, sensor: usize, rays: &RangeSampleInfo) -> Result<[Pose; 2], RangeRefused> {
         self.admit(sensor, rays)?;

@@ -23,11 +23,11 @@
 //! place for as long as they are. A gateway that is started again in flight goes on from its predecessor's record
 //! ([`Assist::resume`]), and without one leaves the vehicle where it is.
 
-pub mod facts;
-pub mod motion;
+pub(crate) mod facts;
+pub(crate) mod motion;
 pub mod record;
-pub mod sticks;
-pub mod switch;
+pub(crate) mod sticks;
+pub(crate) mod switch;
 
 use crate::executive::{PilotText, REPEAT_S};
 use jink_shared_types::Timestamp;

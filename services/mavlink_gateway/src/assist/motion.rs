@@ -108,11 +108,6 @@ pub struct AssistedMotion {
 }
 
 impl AssistedMotion {
-    /// Whether a place is held.
-    pub fn holds(&self) -> bool {
-        self.held.is_some()
-    }
-
     /// The setpoint for now.
     pub fn setpoint(&mut self, demand: &MotionDemand, make: AutopilotType, system_id: u8) -> MavMessage {
         let passed_s = self.begin(demand);
@@ -287,11 +282,11 @@ mod tests {
             let mut motion = AssistedMotion::default();
             let moving = demand(10.0, Vector2::new(2.0, 0.0));
             assert_eq!(sent(&mut motion, &moving, make).vx, 2.0);
-            assert!(!motion.holds());
+            assert!(motion.held.is_none());
             let mut released = demand(10.02, Vector2::zeros());
             released.vehicle.velocity = Vector3::new(1.0, 0.0, 0.0);
             let target = sent(&mut motion, &released, make);
-            assert_eq!((target.vx, motion.holds()), (0.0, false), "it still moves");
+            assert_eq!((target.vx, motion.held.is_some()), (0.0, false), "it still moves");
             let rest = demand(10.04, Vector2::zeros());
             let target = sent(&mut motion, &rest, make);
             assert_eq!((target.x, target.y, target.z), (3.0, 4.0, -5.0));

@@ -320,11 +320,6 @@ impl MissionClient {
             Phase::Idle | Phase::Resting => None,
         }
     }
-
-    /// When [`Self::request`] has something to do next.
-    pub fn next_wake(&self) -> Option<Timestamp> {
-        (self.phase != Phase::Idle).then_some(self.due)
-    }
 }
 
 /// Whether two readings are of the same mission; a number that is not given (NaN) equals itself. What ArduPilot reports
@@ -350,7 +345,7 @@ fn is_about_a_new_mission(text: &STATUSTEXT_DATA) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{ITEMS_MAX, MissionClient, TRIES};
+    use super::{ITEMS_MAX, MissionClient, Phase, TRIES};
     use crate::note::Note;
     use jink_shared_types::Timestamp;
     use mavlink::dialect::{
@@ -457,12 +452,20 @@ mod tests {
         };
         client.take(now, &current(3, 77));
         client.take(now, &current(0, 77));
-        assert_eq!(client.next_wake(), None, "the same mission");
+        assert_eq!(client.phase, Phase::Idle, "the same mission");
         let mut emptied = client.clone();
         emptied.take(now, &current(u16::MAX, 0));
-        assert_eq!(emptied.next_wake(), Some(now), "none any more");
+        assert_eq!(
+            (emptied.phase != Phase::Idle, emptied.due),
+            (true, now),
+            "none any more"
+        );
         client.take(now, &current(3, 78));
-        assert_eq!(client.next_wake(), Some(now), "another of the same length");
+        assert_eq!(
+            (client.phase != Phase::Idle, client.due),
+            (true, now),
+            "another of the same length"
+        );
     }
 
     #[test]

@@ -22,13 +22,13 @@
 //! Other stations may choose another item or upload another mission at any time. What jink has asked for itself is remembered until
 //! it shows; every other change is somebody's wish, and is followed.
 
-pub mod client;
-pub mod georeference;
-pub mod give_back;
-pub mod go_to;
+pub(crate) mod client;
+pub(crate) mod georeference;
+mod give_back;
+pub(crate) mod go_to;
 pub mod items;
-pub mod mission;
-pub mod notice;
+mod mission;
+pub(crate) mod notice;
 pub mod record;
 
 use crate::config::GatewayConfig;

@@ -265,11 +265,6 @@ impl Gateway {
         self.wire.status.setpoints
     }
 
-    /// A second autopilot on the link, while it is not clear which one is ours: the configuration must name one.
-    pub fn rival(&self, now: Timestamp) -> Option<u8> {
-        self.selector.rival(now)
-    }
-
     /// Whether another gateway sends on this link: its time synchronisation is learned from as well.
     pub fn listen_only(&mut self, only: bool) {
         self.clock.accept_foreign_answers(only);

@@ -6,7 +6,7 @@ pub mod pilot;
 pub mod position_target;
 pub mod px4_trajectory;
 
-use pilot::{Nearness, Source};
+use pilot::Nearness;
 use position_target::PositionTarget;
 use px4_trajectory::Px4Trajectory;
 
@@ -48,8 +48,6 @@ pub struct Situation<'a> {
 pub struct Setpoint {
     /// The message.
     pub message: MavMessage,
-    /// What it was made from.
-    pub source: Source,
     /// Of the approved trajectory, if this is the first setpoint cut from it.
     pub first_of: Option<SampleHeader>,
 }

@@ -167,7 +167,6 @@ impl Profile for PositionTarget {
         }
         Some(Setpoint {
             message: MavMessage::SET_POSITION_TARGET_LOCAL_NED(message),
-            source: decision.source,
             first_of: decision.first_of,
         })
     }

@@ -92,7 +92,6 @@ impl Profile for Px4Trajectory {
         }?;
         Some(Setpoint {
             message,
-            source: decision.source,
             first_of: decision.first_of,
         })
     }

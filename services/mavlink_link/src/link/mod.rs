@@ -8,8 +8,7 @@
 //!
 //! Nothing that the other side sends closes a link: malformed bytes are counted, refused datagrams are ignored. A lost
 //! stream (unplugged serial port, closed connection) is opened again with a growing pause; the caller sees one error
-//! per loss and per failed attempt, for its log, and a new [`Link::generation`] when another descriptor must be
-//! watched.
+//! per loss and per failed attempt, for its log.
 //!
 //! A link can be shared with a second process that will take it over ([`Link::share`], [`Link::join`],
 //! [`Link::release`]): the standby receives everything, and no byte is lost or doubled at the handover.
@@ -108,7 +107,8 @@ pub struct Link {
     splitter: Splitter,
     chunk: Box<[u8]>,
     counters: LinkCounters,
-    generation: u64,
+    /// It was open before, or another process had it.
+    was_open: bool,
     retry_at: Timestamp,
     retry_pause_s: f64,
     handover: Option<Handover>,
@@ -140,7 +140,7 @@ impl Link {
             splitter: Splitter::new(),
             chunk: vec![0; CHUNK_BYTES].into_boxed_slice(),
             counters: LinkCounters::default(),
-            generation: 0,
+            was_open: false,
             retry_at: Timestamp::NEVER,
             retry_pause_s: RETRY_FIRST_S,
             handover: None,
@@ -233,7 +233,7 @@ impl Link {
         if let Some(handover) = &mut self.handover {
             handover.abandon();
             self.transport = None;
-            self.generation += 1;
+            self.was_open = true;
         }
     }
 
@@ -254,7 +254,7 @@ impl Link {
             .as_mut()
             .is_some_and(|handover| handover.release(state, unsent));
         if released {
-            self.generation += 1;
+            self.was_open = true;
             if let Some(backlog) = &mut backlog {
                 backlog.replace(&[]);
             }
@@ -276,7 +276,7 @@ impl Link {
     pub fn take_over(&mut self) {
         if let Some(handover) = &mut self.handover {
             handover.become_owner();
-            self.generation += 1;
+            self.was_open = true;
         }
     }
 
@@ -289,11 +289,6 @@ impl Link {
     /// The link's own descriptor; `None` while it is lost.
     pub fn fd(&self) -> Option<BorrowedFd<'_>> {
         self.transport.as_ref().map(Transport::fd)
-    }
-
-    /// Changes whenever [`Self::fd`] is another descriptor than before.
-    pub fn generation(&self) -> u64 {
-        self.generation
     }
 
     /// When to reopen a lost link, or to look for its next owner.
@@ -368,7 +363,6 @@ impl Link {
                 Ok(Chunk::UnknownPeer) => self.counters.unknown_peers += 1,
                 Ok(Chunk::DescriptorChanged) => {
                     self.splitter.reset();
-                    self.generation += 1;
                     self.send_link();
                 }
                 Err(source) => return Err(self.lose(now, source)),
@@ -510,7 +504,7 @@ impl Link {
     fn lose(&mut self, now: Timestamp, source: std::io::Error) -> LinkError {
         self.transport = None;
         self.splitter.reset();
-        self.generation += 1;
+        self.was_open = true;
         self.retry_at = now.plus_seconds(self.retry_pause_s);
         self.retry_pause_s = (self.retry_pause_s * 2.0).min(RETRY_LONGEST_S);
         self.send_link();
@@ -528,8 +522,8 @@ impl Link {
             Ok(transport) => {
                 self.transport = Some(transport);
                 // The first time is no second time.
-                self.counters.reopened += u64::from(self.generation > 0);
-                self.generation += 1;
+                self.counters.reopened += u64::from(self.was_open);
+                self.was_open = true;
                 self.send_link();
                 Ok(())
             }

@@ -78,12 +78,6 @@ pub fn resumed(flight: &mut Flight) -> Done {
     flight.mode(NavMode::Mission)
 }
 
-/// MISSION_START once more in the middle of it.
-pub fn started_again(flight: &mut Flight) -> Done {
-    under_way(flight)?;
-    flight.start_mission()
-}
-
 /// Two waypoints and a landing, where the autopilot begins missions anew (MIS_RESTART).
 pub fn begins_anew(flight: &mut Flight) -> Done {
     let end = free_near(&flight.world, 20.0, 0.0);
