@@ -48,6 +48,11 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
+    /// The instance.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+
     /// Starts one for `instance`.
     pub fn start(instance: &Instance, options: &StartOptions) -> Result<Self, Problem> {
         Ok(Self {

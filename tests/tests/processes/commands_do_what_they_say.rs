@@ -174,7 +174,16 @@ fn another_supervisor_goes_on_and_nobody_notices() {
 /// Lets another supervisor go on, and says whether the companion has been active all the time.
 fn supervisor_is_swapped_unnoticed(jink: &System) -> bool {
     let before = jink.service("planner");
-    let mut watch = jink.command(&["topic", "echo", "link/status", "--json", "--timeout", "3"]);
+    let mut watch = jink.command(&[
+        "topic",
+        "echo",
+        "link/status",
+        "--json",
+        "--count",
+        "15",
+        "--timeout",
+        "6",
+    ]);
     let watching = std::thread::spawn(move || answer(&mut watch));
     let supervisor = jink_tests::processes::programs().join("jink-supervisor");
     let swapped = jink.jink(&["swap", "supervisor", supervisor.to_str().unwrap()]);

@@ -131,7 +131,6 @@ impl Plan {
         let [gateway, ground_station] = ports::free()?;
         let options = self.options(gateway, ground_station, show)?;
         let mut supervisor = Supervisor::start(instance, &options)?;
-        show.update(&sensors(instance));
         let drills = Drills::new(drills, instance.clone(), gateway);
         let flown = self.fly_with(
             &mut supervisor,
@@ -188,6 +187,7 @@ impl Plan {
         observer: &mut dyn Observer,
     ) -> Result<Flown, Problem> {
         let watch = supervisor.watch(interrupt)?;
+        show.update(&sensors(supervisor.instance()));
         let mut flight = Flight::new(watch, self.keeps_sensed, self.autopilot.is_sitl(), drills)?;
         let machine = Machine::watch();
         let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
