@@ -43,7 +43,7 @@ impl PayloadType {
             assert!(
                 align_of::<T>() <= align_of::<u64>(),
                 "slots have the alignment of u64"
-            )
+            );
         };
         Self {
             name: type_name::<T>(),
