@@ -3,7 +3,7 @@
 //!
 //! | part | what it is |
 //! |---|---|
-//! | [`Board`] | the very services that fly, opened and run as in processes of their own, and the supervisor's rules |
+//! | `Board` | the very services that fly, opened and run as in processes of their own, and the supervisor's rules |
 //! | the wire | datagram sockets between autopilot and gateway, where frames may be lost, doubled and damaged |
 //! | the ground station | the one that `jink-simulator fly` has, on a socket of its own |
 //!

@@ -2,7 +2,7 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | `mavlink/requests`: commands to components 196 and 191 ([`commands`]) | `mavlink/answers`: COMMAND_ACK, the message that was asked for, what the gateway is to do |
+//! | `mavlink/requests`: commands to components 196 and 191 (`commands`) | `mavlink/answers`: COMMAND_ACK, the message that was asked for, what the gateway is to do |
 //! | `mavlink/requests`: PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET; `parameters` | PARAM_VALUE, PARAM_ERROR; `parameters/change` |
 //! | `mavlink/requests`: FILE_TRANSFER_PROTOCOL | FILE_TRANSFER_PROTOCOL: a read-only server |
 //! | `event` of every process | STATUSTEXT |

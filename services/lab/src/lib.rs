@@ -6,7 +6,7 @@
 //! | [`rig`] | what to fly, which faults to make | a whole system in an instance of its own, from start to stop: a flight |
 //! | [`flight_log`] | `sim/truth`, `link/status` | the course of a flight and its summary |
 //! | [`drill`] | `planner@8s`, or a seed | which fault to make to which process when |
-//! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
+//! | `handover` | headers around a change of the producer | what was missing, doubled, out of order |
 //! | [`latency`] | loads | the way from the capture of a range to the wire, stage by stage |
 //! | [`fault_matrix`] | the faults of many flights | figures by process, fault and phase |
 //! | [`drawing`] | shapes, words, values | pictures and plots as SVG, for whoever draws |

@@ -45,8 +45,8 @@
 //!
 //! The rule behind everything: silence is a bug. A setpoint goes out at every beat once a position was known: the
 //! approved trajectory, else the rest of the last one (it ends at rest in space that was certified), else the
-//! autopilot's own target, else a held point. Which of them, and why, is the table in [`profile::pilot`]; how it is said,
-//! those in [`profile::px4_trajectory`] and [`profile::position_target`].
+//! autopilot's own target, else a held point. Which of them, and why, is the table in `profile::pilot`; how it is said,
+//! those in `profile::px4_trajectory` and `profile::position_target`.
 
 pub mod assist;
 mod avoidance;

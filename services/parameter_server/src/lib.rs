@@ -3,7 +3,7 @@
 //! | in | out |
 //! |---|---|
 //! | `parameters/change`: from `jink param set`, from ground stations through the gateway | `parameters`: after each change, and once a second |
-//! | | the parameter store ([`jink_runtime::param_store`]) |
+//! | | the parameter store (`ParamStore` of the runtime) |
 //!
 //! No flight hangs on it: every service goes on with the values that it has. So neither a link that is down nor a gateway that is
 //! being restarted keeps anybody from reading and tuning parameters, and whoever asks over MAVLink cannot take it along.

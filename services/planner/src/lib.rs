@@ -15,16 +15,16 @@
 //!
 //! A vehicle that is to rest at a place (a hold, a landing) and is too fast to stop there stops first and comes back
 //! from rest. A goal that cannot be reached (an obstacle, a closed wall, a height that is not allowed) is approached as
-//! far as that is safe; there the vehicle rests, and after OA_BLOCKED_T without [`progress`] the reason is reported to
+//! far as that is safe; there the vehicle rests, and after OA_BLOCKED_T without `progress` the reason is reported to
 //! the gateway and the pilot. Time in which the guard is silent does not count.
 //!
 //! What moves is kept out of the way of by its prediction: a plan leads past the places where the vehicle could meet
 //! it, a committed trajectory that would is left like a blocked one, and a vehicle at rest gives way
 //! (`evasion`). That is no part of the certificate, whose obstacles stand still: who moves may turn.
 //!
-//! A plan is a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
-//! pieces of certified space around it ([`corridor`]), in the highest [speed tier](mod@speed_tiers) that is worth it.
-//! The guide may also be one that another program proposes ([`proposed_path`]).
+//! A plan is a guide through the inflated map (`search`), cut where known-free space ends (`guide`), and convex
+//! pieces of certified space around it (`corridor`), in the highest [speed tier](mod@speed_tiers) that is worth it.
+//! The guide may also be one that another program proposes (`proposed_path`).
 
 mod bit_layer;
 mod certified_route;

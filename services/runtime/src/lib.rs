@@ -38,17 +38,17 @@
 //! | module | holds |
 //! |---|---|
 //! | [`config`] | `jink.toml`: read, checked, errors with file, line and nearest key |
-//! | [`instance`] | names and folders that keep two jinks on one host apart |
+//! | `instance` | names and folders that keep two jinks on one host apart |
 //! | [`session`] | one program's connection to its topics; [`Input`] and [`Output`] |
 //! | [`ports`] | the topics of a service with its configuration, clock and ownership |
-//! | [`setup`] | what a service is started with |
+//! | `setup` | what a service is started with |
 //! | [`service`] | what a service is |
-//! | [`process_loop`] | the loop of its process |
+//! | `process_loop` | the loop of its process |
 //! | [`lockstep`] | services in one process on a virtual clock, for campaigns and tests |
-//! | [`clock`] | the board's clock, or a simulated one |
+//! | `clock` | the board's clock, or a simulated one |
 //! | [`heartbeat`] | cycle statistics |
-//! | [`param_store`] | changed parameters that outlive the process that changed them |
-//! | [`ranges`] | the range topics of all configured sensors |
+//! | `param_store` | changed parameters that outlive the process that changed them |
+//! | `ranges` | the range topics of all configured sensors |
 //! | [`device`] | drivers: who reads a device, when the others run, what no driver does differently |
 //! | [`cleanup`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |

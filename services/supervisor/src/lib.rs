@@ -6,8 +6,8 @@
 //! | process table (`services.toml`) | what to start, in which order, and what to expect of it |
 //! | deaths, heartbeats, time | starts, signals, events, `system/status` |
 //!
-//! This library is the policy and starts nothing: [`table`] reads and checks the process table, [`policy`] decides when
-//! a process may be restarted, [`supervision`] is the state machine, [`health`] judges the whole, [`shared`] has its
+//! This library is the policy and starts nothing: [`table`] reads and checks the process table, `policy` decides when
+//! a process may be restarted, [`supervision`] is the state machine, `health` judges the whole, [`shared`] has its
 //! topics. The program around it ([`program`]) carries its decisions out.
 //!
 //! The shape follows Erlang/OTP's supervisors (start order, reverse stop, restart intensity within a period); detection

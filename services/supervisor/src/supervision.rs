@@ -3,7 +3,7 @@
 //! * Start: in table order, the next process as soon as the essential one before it has sent a heartbeat or its grace
 //!   is over. An essential process that reports that it cannot start while the system is coming up ends the whole
 //!   start: a wrong configuration is shown to the user at once, not retried.
-//! * Death: restart by [`crate::policy`]; what the dead left in shared memory is removed only after its replacement has
+//! * Death: restart by `crate::policy`; what the dead left in shared memory is removed only after its replacement has
 //!   been started, because removing takes longer than starting.
 //! * Hang: silence longer than the row allows is answered with SIGKILL, unless the process wants to run and cannot, or
 //!   its core stands still. A supervisor that was itself not running for a while judges no process until each had time

@@ -19,7 +19,7 @@
 //! | `hot_shadow` | `false` | a second instance runs beside it and takes over when it dies |
 //! | `heartbeat_timeout_ms` | `100` | silence that counts as a hang: two heartbeat periods, so that one late heartbeat is none |
 //! | `start_grace_ms` | `3000` | time from start to the first heartbeat of its loop: opening devices may take that long |
-//! | `restart` | see [`RestartRule::default`] | `{ floor_ms, ceiling_ms, factor, intensity, period_s }` |
+//! | `restart` | see `RestartRule::default` | `{ floor_ms, ceiling_ms, factor, intensity, period_s }` |
 //! | `on_failure` | `"hold"` | see [`OnFailure`] |
 //! | `core`, `priority`, `lock_memory` | none, `0`, `false` | CPU to stay on, SCHED_FIFO priority, pages kept in memory |
 //! | `log` | the supervisor's | `"error"`, `"warn"`, `"info"`, `"debug"`, `"trace"` |

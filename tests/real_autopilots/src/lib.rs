@@ -4,17 +4,17 @@
 //! |---|---|---|
 //! | [`scenarios`] | | the table: what is flown, on which setups, with which expectation |
 //! | [`setup`] | | which autopilot in which profile |
-//! | [`script`] | a flight under way | what the pilot and the ground station do in it |
-//! | [`flight`] | scenario, builds | one flight from start to stop |
+//! | `script` | a flight under way | what the pilot and the ground station do in it |
+//! | `flight` | scenario, builds | one flight from start to stop |
 //! | [`autopilot`] | a build's folder | an autopilot that runs, its ports, the truth |
 //! | [`builds`] | `builds.toml` | builds that need not be named each time |
-//! | [`mission`] | places in metres | mission items |
-//! | [`wire`] | datagrams | frames, modes, texts |
-//! | [`station`] | commands, missions | what a ground station sends, and what it receives |
-//! | [`relay`] | datagrams between autopilot and jink | the same datagrams; what was seen of them |
+//! | `mission` | places in metres | mission items |
+//! | `wire` | datagrams | frames, modes, texts |
+//! | `station` | commands, missions | what a ground station sends, and what it receives |
+//! | `relay` | datagrams between autopilot and jink | the same datagrams; what was seen of them |
 //! | [`jink`] | scenario | the jink that flies, its processes |
-//! | [`record`] | everything that is seen | one flight as data |
-//! | [`judge`] | record, world, expectation | outcome, clearance, figures |
+//! | `record` | everything that is seen | one flight as data |
+//! | `judge` | record, world, expectation | outcome, clearance, figures |
 //! | [`runner`] | scenarios, number of jobs | flights side by side, progress |
 //! | [`table`] | results | one table, JSON Lines, pictures |
 //!

@@ -2,7 +2,7 @@
 //! degraded sensing. A suite has cells, each a world, what happens in it and a target; a flight is a cell and a seed.
 //!
 //! The vehicle is half a metre wide. Worlds follow the published ones as closely as their texts allow
-//! ([`jink_simulated_world::world::Benchmark`]); how hard each is, is stated beside its result ([`difficulty`]).
+//! ([`jink_simulated_world::world::Benchmark`]); how hard each is, is stated beside its result (`difficulty`).
 
 pub(crate) mod anchors;
 pub(crate) mod difficulty;

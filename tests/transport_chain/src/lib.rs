@@ -11,7 +11,7 @@
 //! |---|---|
 //! | [`message`] | what is filled and read |
 //! | [`stage`] | one process |
-//! | [`chain`] | all of them, started, watched and ended; what was measured |
+//! | `chain` | all of them, started, watched and ended; what was measured |
 //! | [`program`] | the command line of a program that measures transports |
 
 mod chain;

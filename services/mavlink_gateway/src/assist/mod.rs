@@ -1,7 +1,7 @@
 //! Assisted flight: a pilot flies through jink in OFFBOARD or GUIDED, and what his sticks ask for passes through the collision guard.
 //!
 //! It is off until he chooses it, by a switch (OA_ASSIST_CH) or a command (MAV_CMD_USER_1), and every way out leads back to a mode of
-//! the autopilot's own. What is sent is made by [`motion`]; which mode is asked for when, here:
+//! the autopilot's own. What is sent is made by `motion`; which mode is asked for when, here:
 //!
 //! | seen | asked of the autopilot | sent meanwhile |
 //! |---|---|---|
@@ -11,7 +11,7 @@
 //! | switched off | the pilot's mode: the one in which he chose it | what the guard allows of the sticks |
 //! | the mode changes, by whomever | nothing: he has it | nothing |
 //! | it comes back by itself within `RETURN_S`, as PX4 does after a lost stream | the pilot's mode | a stop, then the place |
-//! | no sticks for [`STICKS_KEPT_S`](sticks::STICKS_KEPT_S) | nothing | a stop, then the place |
+//! | no sticks for `STICKS_KEPT_S` | nothing | a stop, then the place |
 //! | no sticks for `STICKS_LOST_S` | Hold: the pilot's mode would have nobody | the same |
 //! | no ranges, or the guard is silent | nothing | a stop, then the place |
 //! | the same for `BLIND_S` | Hold | the same |

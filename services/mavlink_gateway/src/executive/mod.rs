@@ -8,9 +8,9 @@
 //! | begins an item that nobody could guard ([`items`]) | asks it to hold and notifies the pilot, unless OA_UNGUARDED lets it fly |
 //! | still flies its mission after a while | notifies the pilot |
 //! | follows setpoints, and its mission was taken over | wants the current item and the next one, counts them as reached, sends the autopilot which one is current |
-//! | the next item ends on the ground | comes to rest above its place, makes it current, gives the mission back for the descent ([`give_back`]) |
+//! | the next item ends on the ground | comes to rest above its place, makes it current, gives the mission back for the descent (`give_back`) |
 //! | the last item is reached | comes to rest, gives the mission back: the autopilot finishes it |
-//! | is commanded to go to a place ([`go_to`]) | has the way there planned instead of the mission |
+//! | is commanded to go to a place (`go_to`) | has the way there planned instead of the mission |
 //! | follows setpoints, and nobody asked for a flight | holds, and says what it waits for |
 //! | leaves that mode otherwise: the pilot, a failsafe | nothing, until somebody lets it fly the mission again |
 //! | is let fly its mission again out of that mode | takes it over again; if that is repeated within seconds, leaves it alone, and reports that |
