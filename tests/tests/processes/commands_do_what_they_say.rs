@@ -141,7 +141,12 @@ fn topics_and_the_ring_are_read_by_machines() {
 
 #[test]
 fn another_supervisor_goes_on_and_nobody_notices() {
-    let jink = simulated("super", &[]);
+    // On a busy machine the companion is not active all the time, whoever supervises it: once it is, across a swap.
+    assert!((0..4).any(|attempt| another_supervisor_goes_on_unnoticed(&format!("super{attempt}"))));
+}
+
+fn another_supervisor_goes_on_unnoticed(role: &str) -> bool {
+    let jink = simulated(role, &[]);
     until("an active companion", || {
         jink.status()["link"]["avoidance"] == "active"
     });
@@ -159,16 +164,10 @@ fn another_supervisor_goes_on_and_nobody_notices() {
     until("an active companion", || {
         jink.status()["link"]["avoidance"] == "active"
     });
-    // On a busy machine the companion is not active all the time, whoever supervises it: once it is, across a swap.
-    let unnoticed = (0..5).any(|_| {
-        until("an active companion", || {
-            jink.status()["link"]["avoidance"] == "active"
-        });
-        supervisor_is_swapped_unnoticed(&jink)
-    });
-    assert!(unnoticed);
+    let unnoticed = supervisor_is_swapped_unnoticed(&jink);
     let down = jink.jink(&["down", "--now"]);
     assert_eq!(down.code, Some(0), "{down:?}");
+    unnoticed
 }
 
 /// Lets another supervisor go on, and says whether the companion has been active all the time.
