@@ -27,7 +27,7 @@ pub struct Args {
     /// Trees per square metre
     #[arg(long)]
     density: Option<f64>,
-    /// Sensors instead of those of jink.toml: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
+    /// Sensors [default: mid360, or with --config those of its jink.toml]: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
     /// with a plus between them, or FILE.toml with tables of sensors and parameters
     #[arg(long, value_name = "NAME|FILE.toml")]
     sensor: Option<String>,
@@ -65,7 +65,15 @@ pub struct Args {
 /// Logs are kept of so many flights that ended badly, the newest ones.
 const DEMONSTRATIONS_KEPT: usize = 10;
 
+/// What flies where neither sensors nor a configuration are named: what can be bought.
+const SENSORS: &str = "mid360";
+
 impl Args {
+    fn sensors(&self) -> Option<String> {
+        let usual = self.config.is_none().then(|| SENSORS.to_owned());
+        self.sensor.clone().or(usual)
+    }
+
     fn plan(&self, programs: PathBuf) -> Result<Plan, Problem> {
         let usual_s = usual_limit_s(self.legs, self.autopilot.is_sitl());
         Ok(Plan {
@@ -74,7 +82,7 @@ impl Args {
             world: self.world.clone(),
             seed: self.seed,
             density: self.density,
-            sensors: self.sensor.clone(),
+            sensors: self.sensors(),
             speed: self.speed,
             legs: self.legs,
             limit_s: self.timeout.unwrap_or(usual_s),
