@@ -160,7 +160,7 @@ fn no_service_costs_more_than_its_budget_in_flight() {
         }
     };
     let flight = Flight::begin_in(
-        &["--seed", "1", "--legs", "4"],
+        &["--seed", "1", "--legs", "4", "--sensor", "sphere"],
         &[
             ("LD_PRELOAD", library.as_path()),
             ("JINK_ALLOCATIONS", folder.path()),
