@@ -63,7 +63,7 @@ fn build(command: &str, program: &str, folder: &Path) -> Result<(), Problem> {
         Ok(status) if !status.success() => Err(Problem::Other(format!(
             "{command}: {program} could not be built ({status})"
         ))),
-        // Without cargo what is there is all there is.
+        // Without cargo the program that lies there is started.
         Ok(_) | Err(_) => Ok(()),
     }
 }

@@ -27,8 +27,8 @@ pub struct Args {
     /// Trees per square metre
     #[arg(long)]
     density: Option<f64>,
-    /// Sensors [default: mid360, or with --config those of its jink.toml]: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
-    /// with a plus between them, or FILE.toml with tables of sensors and parameters
+    /// Sensors: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several with a plus between them, or
+    /// FILE.toml with tables of sensors and parameters [default: mid360, or with --config those of its jink.toml]
     #[arg(long, value_name = "NAME|FILE.toml")]
     sensor: Option<String>,
     /// Highest speed (m/s)

@@ -27,7 +27,7 @@ const READS: usize = 16;
 pub trait Driver: Sized {
     /// The program's name in the topic table.
     const PROGRAM: &'static str;
-    /// What the pilot is told when the sensor has fallen silent, and when it measures again.
+    /// Events for the pilot: the sensor has fallen silent, and measures again.
     const EVENTS: [&'static Event; 2];
 
     /// For the sensor called `name`, which stands in one of `tables`: opens its topic, not yet its device.
