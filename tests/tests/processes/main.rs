@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod a_bad_candidate_never_gets_to_fly;
-mod a_cycle_costs_no_more_than_its_budget;
+
 mod a_killed_guard_leaves_the_pilot_safe;
 mod a_killed_service_is_not_felt;
 mod a_link_is_examined_before_the_flight;
@@ -11,6 +11,7 @@ mod a_real_depth_camera_is_read_from_its_device;
 mod a_real_lidar_is_read_from_its_socket;
 mod a_real_rangefinder_is_read_from_its_serial_port;
 mod a_second_instance_takes_over_without_a_start;
+mod a_second_of_flight_costs_no_more_than_its_budget;
 mod a_sensor_of_somebody_else_is_a_row;
 mod a_serial_line_of_57600_carries_a_flight;
 mod a_service_that_is_gone_is_made_up_for;

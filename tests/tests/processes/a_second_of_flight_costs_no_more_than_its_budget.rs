@@ -1,6 +1,6 @@
-//! What one cycle of each service costs: system calls, and requests to the allocator, in a flight of the real processes. Neither depends
-//! on how fast the machine is. The budgets are in `budgets.toml` beside this file; a cycle that costs more fails with
-//! the numbers, and a change that makes it cheaper lowers the budget.
+//! What a second of flight costs each service: system calls, and requests to the allocator, of the real processes. Neither depends on how
+//! fast the machine is; load merges wake-ups, which makes them fewer. The budgets are in `budgets.toml` beside this file; a service that
+//! costs more fails with the numbers, and a change that makes it cheaper lowers the budget.
 
 use jink_runtime::{Checks, Instance, Session, now};
 use jink_shared_types::topics;
@@ -9,16 +9,14 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How long is counted.
 const WINDOW: Duration = Duration::from_secs(6);
-/// A tracer that has been started has attached after so long.
-const SETTLE: Duration = Duration::from_millis(500);
 /// Windows that are tried until none of the services is started again in one.
 const ATTEMPTS: u32 = 4;
 
-/// What a cycle may cost, on average over the flight.
+/// What a second may cost, on average over the flight.
 #[derive(Clone, Copy, Debug, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Budget {
@@ -94,50 +92,37 @@ fn allocations(folder: &Path, pid: u32) -> Option<f64> {
     Some(u64::from_ne_bytes(bytes.try_into().ok()?) as f64)
 }
 
-/// Requests to the allocator and system calls per cycle of each service; the latter `None` where they cannot be counted. `None` if a
+/// Requests to the allocator and system calls per second of each service; the latter `None` where they cannot be counted. `None` if a
 /// service was started again meanwhile.
 #[allow(clippy::type_complexity)]
 fn count(
     budgets: &BTreeMap<String, Budget>,
     folder: &Path,
-    look: &mut impl FnMut(&String, Option<u32>) -> Option<(u32, u64)>,
+    pid_of: &mut impl FnMut(&String) -> Option<u32>,
 ) -> Option<(Vec<f64>, Vec<Option<f64>>)> {
-    let pids: Option<Vec<u32>> = budgets.keys().map(|name| Some(look(name, None)?.0)).collect();
-    let pids = pids?;
-    let services = || budgets.keys().zip(pids.iter().copied());
+    let mut pids = || -> Option<Vec<u32>> { budgets.keys().map(&mut *pid_of).collect() };
+    let flying = pids()?;
     // First what is allocated, then the calls: whoever is traced is slower.
-    let mut allocations_at = || -> Option<Vec<(u64, f64)>> {
-        services()
-            .map(|(name, pid)| Some((look(name, Some(pid))?.1, allocations(folder, pid)?)))
-            .collect()
-    };
-    let begin = allocations_at()?;
+    let so_far = || -> Option<Vec<f64>> { flying.iter().map(|pid| allocations(folder, *pid)).collect() };
+    let (before, begun) = (so_far()?, Instant::now());
     std::thread::sleep(WINDOW);
-    let end = allocations_at()?;
-    let counted = begin.iter().zip(&end);
-    let allocated = counted.map(|((from, before), (to, after))| (after - before) / (to - from).max(1) as f64);
+    let (after, seconds) = (so_far()?, begun.elapsed().as_secs_f64());
+    let allocated = before
+        .iter()
+        .zip(&after)
+        .map(|(before, after)| (after - before) / seconds);
 
-    let tracers: Result<Vec<Tracer>, String> = pids.iter().map(|pid| Tracer::attach(folder, *pid)).collect();
+    let begun = Instant::now();
+    let tracers: Result<Vec<Tracer>, String> =
+        flying.iter().map(|pid| Tracer::attach(folder, *pid)).collect();
     let called = match tracers {
-        Ok(tracers) => {
-            let mut cycles = || -> Option<Vec<u64>> {
-                services()
-                    .map(|(name, pid)| Some(look(name, Some(pid))?.1))
-                    .collect()
-            };
-            std::thread::sleep(SETTLE);
-            let begin = cycles()?;
+        Ok(mut tracers) => {
             std::thread::sleep(WINDOW);
-            let end = cycles()?;
-            let traced_for = (WINDOW + SETTLE).as_secs_f64() / WINDOW.as_secs_f64();
-            let cycles = begin
+            let calls: Vec<Option<f64>> = tracers.iter_mut().map(Tracer::end).collect();
+            let seconds = begun.elapsed().as_secs_f64();
+            calls
                 .iter()
-                .zip(&end)
-                .map(|(from, to)| (to - from).max(1) as f64 * traced_for);
-            tracers
-                .into_iter()
-                .zip(cycles)
-                .map(|(mut tracer, cycles)| tracer.end().map(|calls| calls / cycles))
+                .map(|calls| calls.map(|calls| calls / seconds))
                 .collect()
         }
         Err(why) => {
@@ -145,7 +130,7 @@ fn count(
             vec![None; budgets.len()]
         }
     };
-    Some((allocated.collect(), called))
+    (pids()? == flying).then(|| (allocated.collect(), called))
 }
 
 #[test]
@@ -184,29 +169,22 @@ fn no_service_costs_more_than_its_budget_in_flight() {
         })
         .collect();
     std::thread::sleep(Duration::from_millis(200));
-    // What a service has counted, of the process that `pids` names: `None` if it was started again, or the machine stands still.
-    let mut look = |name: &String, pid: Option<u32>| {
-        let beat = health.get_mut(name)?.latest(now()).fresh()?.sample;
-        (pid.is_none_or(|pid| pid == beat.pid)).then_some((beat.pid, beat.cycles))
-    };
+    let mut pid_of = |name: &String| Some(health.get_mut(name)?.latest(now()).fresh()?.sample.pid);
     // A machine that stalls has services restarted, which is no cost of theirs: what is counted then is counted again.
     let (allocated, called) = (0..ATTEMPTS)
-        .find_map(|_| count(&budgets, folder.path(), &mut look))
+        .find_map(|_| count(&budgets, folder.path(), &mut pid_of))
         .expect("never a window without a restart");
     drop(health);
     drop(session);
     drop(flight);
 
-    let mut table = format!(
-        "{:20} {:>22} {:>22}\n",
-        "", "system calls / cycle", "allocations / cycle"
-    );
+    let mut table = format!("{:20} {:>22} {:>22}\n", "", "system calls / s", "allocations / s");
     let mut too_much = Vec::new();
     for (((name, budget), allocated), called) in budgets.iter().zip(&allocated).zip(&called) {
-        let called_text = called.map_or("-".to_owned(), |called| format!("{called:.1}"));
+        let called_text = called.map_or("-".to_owned(), |called| format!("{called:.0}"));
         let _never_fails = writeln!(
             table,
-            "{name:20} {called_text:>10} of {:>6.1}   {allocated:>10.1} of {:>6.1}",
+            "{name:20} {called_text:>12} of {:>6}   {allocated:>12.0} of {:>6}",
             budget.syscalls, budget.allocations
         );
         if *allocated > budget.allocations || called.is_some_and(|called| called > budget.syscalls) {
