@@ -388,7 +388,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(8))]
 
         #[test]
-        fn what_is_reached_and_how_far_it_is_are_those_of_a_search(
+        fn what_a_search_reaches_is_reached_and_no_farther_than_its_path_costs(
             trees in prop::collection::vec((-12.0..12.0f64, -12.0..12.0f64, 0.2..2.5f64), 0..25),
             tier in prop_oneof![Just(0), Just(LAST_TIER)],
         ) {
@@ -407,13 +407,14 @@ mod tests {
             let inside = |cell: &Cell| (HEIGHTS.0..=HEIGHTS.1).contains(&cell[2]);
             let reached: BTreeSet<Cell> = distances.reached_cubes().flat_map(cells_of).filter(|cell| free(cell) && inside(cell)).collect();
             prop_assert!(lengths.keys().all(|cell| reached.contains(cell)));
-            // Where two trees leave a corner between cells free, a cube leads through it.
-            prop_assert!(reached.len() <= lengths.len() + lengths.len() / 10 + 16);
             let cell_m = space.cell_m(tier);
             for (cell, length) in &lengths {
                 let cells = f64::from(distances.remaining_m(*cell) - 3.0) / cell_m;
-                // Steps that change height and place at once are two here; octagons are flatter than circles.
-                prop_assert!((0.75 * length - 8.0..=1.2 * length + 8.0).contains(&cells), "{cell:?}: {cells} {length}");
+                // Steps that change height and place at once are two here; octagons are flatter than circles; narrow space
+                // counts half as much again. Where two trees leave a corner between cells free, a cube leads through it: the
+                // estimate is then shorter than any path.
+                let straight = f64::from(cell[0]).hypot(f64::from(cell[1]));
+                prop_assert!((0.75 * straight - 8.0..=1.5 * length + 8.0).contains(&cells), "{cell:?}: {cells} {length}");
             }
         }
     }
