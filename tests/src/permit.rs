@@ -1,7 +1,6 @@
 //! What tests of real processes may use of the machine: several run at once, and those that judge time alone.
 //!
-//! A system that flies waits most of its time, so some of them side by side do not disturb each other: all tests of real processes,
-//! five at a time on two cores, compute for a third of these cores' time.
+//! A system that flies waits most of its time, so some of them side by side do not disturb each other.
 // A harness for tests: the locks hold counters that no panic leaves half written.
 
 use std::cell::RefCell;
@@ -66,9 +65,9 @@ pub fn for_judging_time() -> Permit {
     Permit { _held: held }
 }
 
-/// Twice as many as there are cores: with three times as many proposals and heartbeats come late.
+/// Three times as many as there are cores compute for half of these cores' time.
 fn sharing_at_most() -> usize {
-    2 * std::thread::available_parallelism().map_or(1, usize::from)
+    3 * std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn running() -> MutexGuard<'static, Running> {

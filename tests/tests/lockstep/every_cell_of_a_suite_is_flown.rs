@@ -40,7 +40,7 @@ pub fn cell_flights() -> Flights {
     for suite in Suite::ALL {
         for cell in suite.cell_names() {
             let name = format!("{} {cell}", suite.name());
-            flights.add(&name, cell == "corner", move || {
+            flights.add(&name, false, move || {
                 let flight = flown(suite, cell, 101);
                 println!("{flight:?}");
                 assert_eq!(flight.collisions_certified, 0, "{flight:?}");
@@ -57,11 +57,6 @@ pub fn cell_flights() -> Flights {
         }
     }
     flights
-}
-
-#[test]
-fn and_nothing_that_stands_still_is_touched() {
-    cell_flights().fly_some();
 }
 
 /// Forests in which passages look wide enough from afar and are not from nearby: two beside each other, or one whose cells
@@ -88,8 +83,7 @@ pub fn narrow_passage_flights() -> Flights {
         (Suite::S1, with_camera, 32),
     ];
     for (suite, choice, seed) in forests {
-        let is_first = seed == 141;
-        flights.add(&format!("{} seed {seed}", suite.name()), is_first, move || {
+        flights.add(&format!("{} seed {seed}", suite.name()), false, move || {
             let flight = flown_as(suite, &choice, seed);
             assert_eq!(flight.outcome, FlightOutcome::Goal, "{flight:?}");
             assert!(flight.time_s < 90.0, "{flight:?}");
@@ -99,16 +93,14 @@ pub fn narrow_passage_flights() -> Flights {
 }
 
 #[test]
-fn and_passages_that_are_too_narrow_are_given_up() {
-    narrow_passage_flights().fly_some();
-}
-
-#[test]
 fn what_is_recorded_is_read_back_and_a_line_that_was_cut_off_is_flown_again() {
     let folder = std::env::temp_dir().join(format!("jink_recorded_{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join("flights.jsonl");
     let flight = flown(Suite::S3, "corner", 7);
+    assert_eq!(flight.outcome, FlightOutcome::Goal, "{flight:?}");
+    assert_eq!(flight.collisions_certified, 0, "{flight:?}");
+    assert_eq!(flight.commitments_touching, 0, "{flight:?}");
     let (mut file, before) = recorded::open(&path, true).unwrap();
     assert!(before.is_empty());
     recorded::write(&mut file, &flight).unwrap();

@@ -1,7 +1,7 @@
-//! Swaps in flight for binaries that must not fly: each is refused with its own reason, or taken back at once, and the
-//! flight does not feel it.
+//! Swaps for binaries that must not fly: each is refused with its own reason, or taken back at once, and a flight does not feel it.
 
-use jink_tests::processes::{Flight, TempFolder, programs};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{Flight, System, TempFolder, programs};
 
 #[test]
 fn in_flight() {
@@ -41,17 +41,24 @@ fn a_candidate_that_never_comes_up_is_given_up() {
     let folder = TempFolder::new("never_up");
     let candidate = folder.path().join("never_up");
     std::fs::copy(programs().join("jink-bad-candidate"), &candidate).unwrap();
-    let flight = Flight::begin(&["--seed", "7"]);
-    flight.until_it_flies();
-    let swap = flight.jink(&["swap", "planner", candidate.to_str().unwrap()]);
+    let [link, station] = [free_udp_port(), free_udp_port()];
+    let jink = System::up(
+        "never_up",
+        &[
+            "--world",
+            "forest",
+            "--set",
+            &format!("link.address=udpin:127.0.0.1:{link}"),
+            "--set",
+            &format!("simulation.ground_station_port={station}"),
+        ],
+    );
+    let owner = jink.service("planner")["pid"].clone();
+    let swap = jink.jink(&["swap", "planner", candidate.to_str().unwrap()]);
     let text = format!("{}{}", swap.stdout, swap.stderr);
     assert!(text.contains("start grace"), "{text}");
     assert_eq!(swap.code, Some(1), "{text}");
-    assert!(
-        flight.service("planner")["shadow_pid"].is_null(),
-        "{}",
-        flight.service("planner")
-    );
-    let figures = flight.end();
-    assert_eq!(figures["outcome"], "goal", "{figures}");
+    let now = jink.service("planner");
+    assert!(now["shadow_pid"].is_null(), "{now}");
+    assert_eq!((&now["pid"], &now["state"]), (&owner, &"active".into()), "{now}");
 }

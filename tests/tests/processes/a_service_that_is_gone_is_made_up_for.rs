@@ -2,7 +2,7 @@
 //! free, the autopilot receives the true state, and the flight goes on when they are back.
 
 use jink_tests::ports::free_udp_port;
-use jink_tests::processes::{Flight, System, program, until};
+use jink_tests::processes::{System, program, until};
 use std::process::Stdio;
 use std::time::Duration;
 
@@ -108,26 +108,4 @@ fn parameters_are_read_tuned_and_kept_whoever_is_dead() {
     assert_eq!(set("3.5").code, Some(0));
     assert_eq!(value(), Some(3.5));
     until("good health", || jink.status()["health"] == "healthy");
-}
-
-#[test]
-fn how_a_killed_service_ended_is_kept_and_shown() {
-    let flight = Flight::begin(&["--seed", "9", "--kill", "planner@3s"]);
-    flight.until_it_flies();
-    until("the restart", || flight.service("planner")["restarts"] == 1);
-    let mut end = serde_json::Value::Null;
-    until("its end on record", || {
-        end = flight.status()["ends"][0].clone();
-        end.is_object()
-    });
-    assert_eq!(end["process"], "planner", "{end}");
-    assert!(end["exit"].as_str().unwrap().contains('9'), "{end}");
-    assert!(end["cycles"].as_u64().unwrap() > 0, "{end}");
-    assert!(
-        end["last_lines"].is_array() && end["lived_s"].as_f64().unwrap() > 0.0,
-        "{end}"
-    );
-    let text = flight.jink(&["status"]).stdout;
-    assert!(text.contains("planner (start 1, process id"), "{text}");
-    assert_eq!(flight.end()["outcome"], "goal");
 }

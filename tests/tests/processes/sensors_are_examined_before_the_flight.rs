@@ -135,8 +135,10 @@ fn a_rangefinder_that_repeats_itself_is_stuck_and_one_that_is_unplugged_is_silen
         let is_silent = reported(&json, "blocker", "speaks")
             .iter()
             .any(|is| is.starts_with("silent: nothing has come from it in 2 s"));
+        // On a busy machine too little comes from the other in so short a time to call it stuck.
+        let is_stuck = !reported(&json, "blocker", "lies").is_empty();
         last = Some((json, answer));
-        is_silent
+        is_silent && is_stuck
     });
     let (json, answer) = last.unwrap();
     assert_eq!(

@@ -29,7 +29,7 @@ fn each_transport_passes_whole_messages_and_leaves_nothing() {
             "--rounds",
             "1",
             "--seconds",
-            "1",
+            "0.5",
             "--rate",
             "20",
             "--points",

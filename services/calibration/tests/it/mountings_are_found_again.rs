@@ -206,7 +206,7 @@ fn found_again(world: &World, names: [&str; 2], error: ([f64; 3], f64, [f64; 3])
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(16))]
+    #![proptest_config(ProptestConfig::with_cases(8))]
 
     #[test]
     fn a_lidar_is_found_again_against_another_one_in_a_hall(

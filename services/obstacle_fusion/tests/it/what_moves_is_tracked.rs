@@ -98,7 +98,7 @@ fn fly(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(12))]
     // Who walks away enters no space that was seen to be open: it lies behind.
     #[test]
     fn a_person_in_a_forest_is_reported_with_place_and_velocity(
