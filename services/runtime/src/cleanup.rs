@@ -7,7 +7,7 @@
 
 use crate::instance::Instance;
 use iceoryx2::node::{NodeCleanupFailure, NodeState, NodeView};
-use iceoryx2::prelude::{CallbackProgression, Config, Node, ipc};
+use iceoryx2::prelude::{CallbackProgression, Node, ipc};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
@@ -27,13 +27,17 @@ pub struct Swept {
     pub left: u32,
 }
 
-/// Removes all that is dead in `instance`.
-pub(crate) fn sweep(instance: &Instance, config: &Config) -> Swept {
+/// Removes all that is dead in `instance`. Takes milliseconds, on a busy machine seconds: iceoryx2 lists all shared memory of the host
+/// for each port of a dead node.
+pub fn sweep(instance: &Instance) -> Swept {
     let mut swept = Swept::default();
+    let Some(config) = instance.iceoryx_config() else {
+        return swept;
+    };
     let mut known = BTreeSet::new();
     let mut zombies = Vec::new();
     // A list that cannot be read is read at the next sweep.
-    let _next_time = Node::<ipc::Service>::list(config, |node| {
+    let _next_time = Node::<ipc::Service>::list(&config, |node| {
         let id = node.node_id().value();
         known.insert(id);
         if let NodeState::Dead(dead) = node {

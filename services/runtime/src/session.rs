@@ -1,6 +1,5 @@
 //! One program's connection to its topics, and the only place that opens them.
 
-use crate::cleanup::Swept;
 use crate::clock::Clock;
 use crate::config::{Foreign, Grants};
 use crate::input::Input;
@@ -201,15 +200,6 @@ impl Session {
                 Transport::Local(_) => None,
             },
         })
-    }
-
-    /// Removes what dead processes left behind. Takes milliseconds and allocates: for the supervisor only, after
-    /// control has moved.
-    pub fn clean_up_dead(&self) -> Swept {
-        match &self.transport {
-            Transport::Shared(connection) => connection.clean_up_dead(),
-            Transport::Local(_) => Swept::default(),
-        }
     }
 
     fn check(&self, row: &TopicRow, allowed: bool, what: &'static str) -> Result<(), OpenError> {

@@ -2,7 +2,6 @@
 //! it; it reads heartbeats and publishes status, control record and events.
 
 use crate::supervision::{Observation, Supervision};
-use jink_runtime::cleanup::Swept;
 use jink_runtime::config::{Config, SensorOutput};
 use jink_runtime::session::HeldTopic;
 use jink_runtime::{Input, OpenError, Output, Session};
@@ -32,7 +31,7 @@ pub struct SupervisorTopics {
     control_sample: Box<Control>,
     control_due: Timestamp,
     _held: Vec<HeldTopic>,
-    session: Session,
+    _session: Session,
 }
 
 impl fmt::Debug for SupervisorTopics {
@@ -68,7 +67,7 @@ impl SupervisorTopics {
             control_sample: Box::default(),
             control_due: Timestamp::NEVER,
             _held: hold_all(&session, config, processes)?,
-            session,
+            _session: session,
         })
     }
 
@@ -125,11 +124,6 @@ impl SupervisorTopics {
     /// Lets readers that came after the last event find it.
     pub fn announce(&self) {
         self.events.announce();
-    }
-
-    /// Removes what dead processes left behind.
-    pub fn clean_up(&self) -> Swept {
-        self.session.clean_up_dead()
     }
 }
 

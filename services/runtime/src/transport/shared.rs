@@ -5,7 +5,6 @@
 #![allow(unsafe_code)]
 
 use super::PayloadType;
-use crate::cleanup::{self, Swept};
 use crate::instance::Instance;
 use crate::open_error::OpenError;
 use iceoryx2::node::{Node, NodeBuilder};
@@ -46,7 +45,6 @@ type EventFactory = event::PortFactory<ipc::Service>;
 /// A connection to one instance's shared memory.
 pub(crate) struct Connection {
     node: Node<ipc::Service>,
-    instance: Instance,
 }
 
 impl Connection {
@@ -65,10 +63,7 @@ impl Connection {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|error| failed(format!("{error:?}")))?;
-        Ok(Self {
-            node,
-            instance: instance.clone(),
-        })
+        Ok(Self { node })
     }
 
     pub(crate) fn publisher(
@@ -149,10 +144,6 @@ impl Connection {
         let samples = self.pub_sub(row, name, payload)?;
         let events = row.wakes.then(|| self.event(name)).transpose()?;
         Ok(Box::new((samples, events)))
-    }
-
-    pub(crate) fn clean_up_dead(&self) -> Swept {
-        cleanup::sweep(&self.instance, self.node.config())
     }
 
     fn pub_sub(&self, row: &TopicRow, name: &str, payload: PayloadType) -> Result<PubSubFactory, OpenError> {

@@ -50,7 +50,7 @@ const OLD: Duration = BEING_CREATED.saturating_add(Duration::from_secs(60));
 #[test]
 fn what_nobody_knows_goes_when_it_is_old_and_stays_while_it_may_be_being_created() {
     let isolated = Isolated::new("sweep");
-    let session = Session::open(&isolated.0, "supervisor").unwrap();
+    let _session = Session::open(&isolated.0, "supervisor").unwrap();
     let own = cleanup::node_count(&isolated.0);
     let abandoned = isolated.remains(123_456_789, OLD);
     let young = isolated.remains(987_654_321, Duration::ZERO);
@@ -58,7 +58,7 @@ fn what_nobody_knows_goes_when_it_is_old_and_stays_while_it_may_be_being_created
     let [folder, monitor] = isolated.remains(555_555, OLD);
     made_older(&monitor, Duration::ZERO);
     assert_eq!(cleanup::node_count(&isolated.0), own + 3);
-    let swept = session.clean_up_dead();
+    let swept = cleanup::sweep(&isolated.0);
     assert_eq!((swept.zombies, swept.cleaned), (1, 0), "{swept:?}");
     assert!(abandoned.iter().all(|path| !path.exists()));
     assert!(young.iter().all(|path| path.exists()));
@@ -68,8 +68,8 @@ fn what_nobody_knows_goes_when_it_is_old_and_stays_while_it_may_be_being_created
     for path in young.iter().chain([&folder, &monitor]) {
         made_older(path, OLD);
     }
-    assert_eq!(session.clean_up_dead().zombies, 2);
-    assert_eq!(session.clean_up_dead(), cleanup::Swept::default());
+    assert_eq!(cleanup::sweep(&isolated.0).zombies, 2);
+    assert_eq!(cleanup::sweep(&isolated.0), cleanup::Swept::default());
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn whoever_lives_is_left_alone_however_old_and_so_is_what_is_no_nodes() {
         made_older(&entry.unwrap().path(), OLD);
     }
     let living = cleanup::node_count(&isolated.0);
-    assert_eq!(supervisor.clean_up_dead(), cleanup::Swept::default());
+    assert_eq!(cleanup::sweep(&isolated.0), cleanup::Swept::default());
     assert_eq!(cleanup::node_count(&isolated.0), living);
     assert!(notes.exists());
     output.send(SampleHeader::at(now()), &LinkStatus::default());
@@ -96,9 +96,9 @@ fn whoever_lives_is_left_alone_however_old_and_so_is_what_is_no_nodes() {
 #[test]
 fn another_instance_is_none_of_its_business() {
     let (ours, theirs) = (Isolated::new("sweep_a"), Isolated::new("sweep_b"));
-    let session = Session::open(&ours.0, "supervisor").unwrap();
+    let _session = Session::open(&ours.0, "supervisor").unwrap();
     let _their_folders = Session::open(&theirs.0, "supervisor").unwrap();
     let remains = theirs.remains(123_456_789, OLD);
-    assert_eq!(session.clean_up_dead(), cleanup::Swept::default());
+    assert_eq!(cleanup::sweep(&ours.0), cleanup::Swept::default());
     assert!(remains.iter().all(|path| path.exists()));
 }

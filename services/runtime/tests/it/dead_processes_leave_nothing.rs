@@ -51,7 +51,7 @@ fn whenever_they_are_killed() {
         child.kill().unwrap();
         child.wait().unwrap();
         most = most.max(cleanup::node_count(&instance));
-        let now = supervisor.clean_up_dead();
+        let now = cleanup::sweep(&instance);
         swept.cleaned += now.cleaned;
         swept.zombies += now.zombies;
     }

@@ -133,14 +133,9 @@ impl Children {
         }
     }
 
-    /// Puts the supervisor itself ahead of ordinary programs, where this is permitted, or back among them.
-    pub fn raise_priority(yes: bool) {
-        let scheduling = if yes {
-            Scheduling::FifoItself(OWN_PRIORITY)
-        } else {
-            Scheduling::Ordinary
-        };
-        if let Err(error) = schedule(0, scheduling) {
+    /// Puts the supervisor itself ahead of ordinary programs, where this is permitted.
+    pub fn raise_priority() {
+        if let Err(error) = schedule(0, Scheduling::FifoItself(OWN_PRIORITY)) {
             tracing::debug!("no SCHED_FIFO for the supervisor: {error}");
         }
     }
@@ -170,7 +165,7 @@ impl Children {
         // Where this is refused it starts like any other program.
         let _ = schedule(0, Scheduling::Fifo(ahead));
         let started = start(command, &mut slot.log);
-        Self::raise_priority(true);
+        Self::raise_priority();
         match started {
             Ok(mut running) => {
                 running.ahead_until =

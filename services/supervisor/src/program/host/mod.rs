@@ -9,6 +9,7 @@
 //! | [`requests`] | requests of the command line |
 //! | [`post_mortem`] | how a process ended, for later queries |
 //! | [`notify`] | systemd |
+//! | [`sweeper`] | removing what dead processes left in shared memory |
 //! | [`system`] | the loop |
 
 mod children;
@@ -19,6 +20,7 @@ mod notify;
 mod post_mortem;
 mod record;
 mod requests;
+mod sweeper;
 mod system;
 
 use crate::program::args::Args;
@@ -40,6 +42,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use sweeper::Sweeper;
 use system::System;
 
 /// A process was given up whose row says that the system then stops (EX_SOFTWARE of sysexits.h).
@@ -108,6 +111,7 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
         Notifier::new(),
         stop_signal,
         requests,
+        Sweeper::start(&args.instance)?,
         args.instance.clone(),
     );
     if adopted > 0 {

@@ -4,10 +4,10 @@ use super::children::Children;
 use super::notify::Notifier;
 use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
+use super::sweeper::Sweeper;
 use crate::shadow::{PROBATION_CYCLES, SwapProgress, SwapRefusal};
 use crate::shared::{PROGRAM, SupervisorTopics};
 use crate::supervision::{Action, End, Exit, Observation, Supervision};
-use jink_runtime::cleanup::Swept;
 use jink_runtime::request::{Answer, Request};
 use jink_runtime::{Instance, programs};
 use jink_shared_types::Timestamp;
@@ -27,9 +27,6 @@ use std::process::{Command, Stdio};
 
 /// How often the logs are measured (s); in that time even a chatty process writes little against their limit.
 const LOGS_PERIOD_S: f64 = 1.0;
-/// After a death the memory is swept a second time (s): what is left of a start that was cut short cannot be
-/// distinguished from a start under way before that.
-const SWEEP_AGAIN_S: f64 = 15.0;
 
 /// The signal, both instances of every process, and the clients.
 const FDS: usize = 1 + 2 * PROCESSES + 1 + CLIENTS;
@@ -50,13 +47,11 @@ pub struct System {
     shared: SupervisorTopics,
     notifier: Notifier,
     stop_signal: UnixStream,
-    /// A process has died: what it left in shared memory is to be removed.
-    sweep_due: bool,
+    sweeper: Sweeper,
     requests: Requests,
     instance: Instance,
     upgrade: Option<PathBuf>,
     logs_due: Timestamp,
-    sweep_again: Timestamp,
     observations: Vec<Observation>,
     actions: Vec<Action>,
     report: Report,
@@ -72,6 +67,7 @@ impl System {
         notifier: Notifier,
         stop_signal: UnixStream,
         requests: Requests,
+        sweeper: Sweeper,
         instance: Instance,
     ) -> Self {
         Self {
@@ -80,12 +76,11 @@ impl System {
             shared,
             notifier,
             stop_signal,
-            sweep_due: false,
+            sweeper,
             requests,
             instance,
             upgrade: None,
             logs_due: Timestamp::NEVER,
-            sweep_again: Timestamp::NEVER,
             observations: Vec::with_capacity(4 * PROCESSES),
             actions: Vec::with_capacity(4 * PROCESSES),
             report: Report::default(),
@@ -101,7 +96,7 @@ impl System {
 
     /// Runs until everything has ended.
     pub fn run(&mut self) -> End {
-        Children::raise_priority(true);
+        Children::raise_priority();
         loop {
             let now = jink_runtime::now();
             self.actions.clear();
@@ -114,11 +109,6 @@ impl System {
                 return end;
             }
             self.publish(now, changed);
-            // After control has moved: it takes milliseconds.
-            if std::mem::take(&mut self.sweep_due) {
-                self.clean_up();
-                self.sweep_again = now.plus_seconds(SWEEP_AGAIN_S);
-            }
             if let Some(program) = self.upgrade.take() {
                 self.exec_program(&program);
             }
@@ -129,13 +119,6 @@ impl System {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
                 self.children.limit_logs();
                 self.shared.announce();
-                if self.sweep_again.is_set() && now >= self.sweep_again {
-                    let swept = self.clean_up();
-                    self.sweep_again = match swept.left {
-                        0 => Timestamp::NEVER,
-                        _ => now.plus_seconds(SWEEP_AGAIN_S),
-                    };
-                }
             }
             // The results of an action are processed before anything else.
             if self.observations.is_empty() {
@@ -145,14 +128,6 @@ impl System {
                 self.observe();
             }
         }
-    }
-
-    /// Takes long: it is done like any other program's work.
-    fn clean_up(&self) -> Swept {
-        Children::raise_priority(false);
-        let swept = self.shared.clean_up();
-        Children::raise_priority(true);
-        swept
     }
 
     /// Everything has ended: releases shared memory and returns the report.
@@ -181,7 +156,7 @@ impl System {
                 Action::Promote { process } => self.children.promote(process),
                 Action::Commit { process } => self.children.commit(process),
                 Action::ReportSwap { process, progress } => self.report_swap(process, &progress),
-                Action::CleanUp => self.sweep_due = true,
+                Action::CleanUp => self.sweeper.request(),
                 Action::PublishEvent(event) => self.shared.raise(now, &event),
                 Action::End(end) => return Some(end),
             }
