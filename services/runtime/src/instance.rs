@@ -163,18 +163,16 @@ impl Instance {
     /// # Errors
     /// The first file that could not be removed.
     pub fn wipe(&self) -> std::io::Result<()> {
-        for folder in [self.iceoryx_root(), self.run_config(), self.log_folder()] {
-            match std::fs::remove_dir_all(&folder) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
-                _ => {}
-            }
+        for folder in [self.run_config(), self.iceoryx_root(), self.log_folder()] {
+            // A command that looks at the instance may be making files in it: in a folder of another name it makes none.
+            let aside = folder.with_extension("gone");
+            unless_gone(std::fs::remove_dir_all(&aside))?;
+            unless_gone(std::fs::rename(&folder, &aside))?;
+            unless_gone(std::fs::remove_dir_all(&aside))?;
         }
         // The values of an earlier run would lie over those that this one was started with, and its autopilot was another.
         for file in [self.param_store(), self.proven_profile()] {
-            match std::fs::remove_file(file) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
-                _ => {}
-            }
+            unless_gone(std::fs::remove_file(file))?;
         }
         let prefix = self.shm_prefix();
         for entry in std::fs::read_dir("/dev/shm")?.flatten() {
@@ -183,10 +181,18 @@ impl Instance {
                 .to_str()
                 .is_some_and(|name| name.starts_with(&prefix));
             if ours && entry.file_type().is_ok_and(|kind| kind.is_file()) {
-                std::fs::remove_file(entry.path())?;
+                unless_gone(std::fs::remove_file(entry.path()))?;
             }
         }
         Ok(())
+    }
+}
+
+/// What is not there needs no removing.
+fn unless_gone(done: std::io::Result<()>) -> std::io::Result<()> {
+    match done {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        other => other,
     }
 }
 

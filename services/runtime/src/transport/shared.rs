@@ -5,11 +5,14 @@
 #![allow(unsafe_code)]
 
 use super::PayloadType;
+use crate::cleanup;
 use crate::instance::Instance;
 use crate::open_error::OpenError;
 use iceoryx2::node::{Node, NodeBuilder};
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::listener::{Listener, ListenerCreateError};
+use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{FileDescriptorBased, NodeName, ServiceName, SignalHandlingMode, ipc};
 use iceoryx2::service::Service as _;
@@ -34,6 +37,8 @@ const MAX_LISTENERS: usize = 40;
 /// Opening may meet a service in the middle of its creation or destruction by somebody else: those answers pass.
 const OPEN_ATTEMPTS: u32 = 50;
 const OPEN_RETRY: Duration = Duration::from_millis(4);
+/// How often places of the dead are looked for where all are taken.
+const ROOM_ATTEMPTS: u32 = 10;
 
 /// iceoryx2's own type for payloads that are described when they are opened: it sees bytes.
 type Bytes = [CustomPayloadMarker];
@@ -45,6 +50,7 @@ type EventFactory = event::PortFactory<ipc::Service>;
 /// A connection to one instance's shared memory.
 pub(crate) struct Connection {
     node: Node<ipc::Service>,
+    instance: Instance,
 }
 
 impl Connection {
@@ -63,7 +69,10 @@ impl Connection {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|error| failed(format!("{error:?}")))?;
-        Ok(Self { node })
+        Ok(Self {
+            node,
+            instance: instance.clone(),
+        })
     }
 
     pub(crate) fn publisher(
@@ -73,14 +82,17 @@ impl Connection {
         payload: PayloadType,
     ) -> Result<Publisher, OpenError> {
         let factory = self.pub_sub(row, name, payload)?;
-        let publisher = factory
-            .publisher_builder()
-            .max_loaned_samples(MAX_LOANED)
-            .create()
-            .map_err(|error| transport(name, &error))?;
+        let make = || {
+            factory
+                .publisher_builder()
+                .max_loaned_samples(MAX_LOANED)
+                .create()
+        };
+        let publisher = self.with_room(make).map_err(|error| transport(name, &error))?;
         let notifier = match row.wakes {
             true => {
-                let notifier = self.event(name)?.notifier_builder().create();
+                let event = self.event(name)?;
+                let notifier = self.with_room(|| event.notifier_builder().create());
                 Some(notifier.map_err(|error| transport(name, &error))?)
             }
             false => None,
@@ -96,7 +108,31 @@ impl Connection {
         name: &str,
         payload: PayloadType,
     ) -> Result<Subscriber, OpenError> {
-        Subscriber::of(&self.pub_sub(row, name, payload)?, name)
+        self.subscriber_of(&self.pub_sub(row, name, payload)?, name)
+    }
+
+    fn subscriber_of(&self, factory: &PubSubFactory, name: &str) -> Result<Subscriber, OpenError> {
+        let subscriber = self
+            .with_room(|| factory.subscriber_builder().create())
+            .map_err(|error| transport(name, &error))?;
+        // Without this a publisher that is idle now would not be connected before its next sample.
+        let _not_yet = subscriber.update_connections();
+        Ok(Subscriber(subscriber))
+    }
+
+    /// What `make` makes; where all places are taken, those of the dead are freed first.
+    fn with_room<T, E: Place>(&self, mut make: impl FnMut() -> Result<T, E>) -> Result<T, E> {
+        for _ in 0..ROOM_ATTEMPTS {
+            match make() {
+                Err(error) if error.is_taken() => {
+                    cleanup::sweep(&self.instance);
+                    // Somebody else may be at it.
+                    std::thread::sleep(OPEN_RETRY);
+                }
+                answer => return answer,
+            }
+        }
+        make()
     }
 
     /// Opens a topic as whoever created it has described it; `None` if there is none.
@@ -120,16 +156,15 @@ impl Connection {
         let builder = unsafe { builder.__internal_set_user_header_type_details(&header_type()) };
         let factory = builder.open().map_err(|error| transport(name, &error))?;
         Ok(Some(RawInput {
-            subscriber: Subscriber::of(&factory, name)?,
+            subscriber: self.subscriber_of(&factory, name)?,
             type_name: payload.type_name().to_string(),
             size: payload.size(),
         }))
     }
 
     pub(crate) fn wakeup(&self, name: &str) -> Result<Wakeup, OpenError> {
-        self.event(name)?
-            .listener_builder()
-            .create()
+        let event = self.event(name)?;
+        self.with_room(|| event.listener_builder().create())
             .map(Wakeup)
             .map_err(|error| transport(name, &error))
     }
@@ -155,7 +190,7 @@ impl Connection {
             payload.align,
         )
         .map_err(|error| transport(name, &error))?;
-        retry(|| {
+        let open = || {
             let builder = self.node.service_builder(&service).publish_subscribe::<Bytes>();
             let builder = builder.user_header::<Header>();
             // SAFETY: `Layout` promises that a payload is as `PayloadType` says, and can be exchanged between processes.
@@ -171,8 +206,8 @@ impl Connection {
                 .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .enable_safe_overflow(true)
                 .open_or_create()
-        })
-        .map_err(|error| match error {
+        };
+        self.with_room(|| retry(open)).map_err(|error| match error {
             PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
                 PublishSubscribeOpenError::IncompatibleTypes,
             ) => OpenError::Layout {
@@ -185,7 +220,7 @@ impl Connection {
 
     fn event(&self, name: &str) -> Result<EventFactory, OpenError> {
         let service = service_name(name)?;
-        retry(|| {
+        let open = || {
             self.node
                 .service_builder(&service)
                 .event()
@@ -193,8 +228,9 @@ impl Connection {
                 .max_listeners(MAX_LISTENERS)
                 .max_nodes(MAX_NODES)
                 .open_or_create()
-        })
-        .map_err(|error| transport(name, &error))
+        };
+        self.with_room(|| retry(open))
+            .map_err(|error| transport(name, &error))
     }
 }
 
@@ -259,16 +295,6 @@ impl Sample {
 pub(crate) struct Subscriber(iceoryx2::port::subscriber::Subscriber<ipc::Service, Bytes, Header>);
 
 impl Subscriber {
-    fn of(factory: &PubSubFactory, name: &str) -> Result<Self, OpenError> {
-        let subscriber = factory
-            .subscriber_builder()
-            .create()
-            .map_err(|error| transport(name, &error))?;
-        // Without this a publisher that is idle now would not be connected before its next sample.
-        let _not_yet = subscriber.update_connections();
-        Ok(Self(subscriber))
-    }
-
     pub(crate) fn receive(&mut self) -> Option<Sample> {
         self.0.receive().ok().flatten().map(Sample)
     }
@@ -350,6 +376,52 @@ fn retry<T, E: Passing>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> 
             }
             answer => return answer,
         }
+    }
+}
+
+/// An answer to an attempt to get a place in a topic.
+trait Place {
+    /// Whether all are taken.
+    fn is_taken(&self) -> bool;
+}
+
+impl Place for PublisherCreateError {
+    fn is_taken(&self) -> bool {
+        matches!(self, Self::ExceedsMaxSupportedPublishers)
+    }
+}
+
+impl Place for SubscriberCreateError {
+    fn is_taken(&self) -> bool {
+        matches!(self, Self::ExceedsMaxSupportedSubscribers)
+    }
+}
+
+impl Place for NotifierCreateError {
+    fn is_taken(&self) -> bool {
+        matches!(self, Self::ExceedsMaxSupportedNotifiers)
+    }
+}
+
+impl Place for ListenerCreateError {
+    fn is_taken(&self) -> bool {
+        matches!(self, Self::ExceedsMaxSupportedListeners)
+    }
+}
+
+impl Place for PublishSubscribeOpenOrCreateError {
+    fn is_taken(&self) -> bool {
+        use PublishSubscribeOpenError::ExceedsMaxNumberOfNodes;
+        matches!(self, Self::PublishSubscribeOpenError(ExceedsMaxNumberOfNodes))
+    }
+}
+
+impl Place for EventOpenOrCreateError {
+    fn is_taken(&self) -> bool {
+        matches!(
+            self,
+            Self::EventOpenError(EventOpenError::ExceedsMaxNumberOfNodes)
+        )
     }
 }
 

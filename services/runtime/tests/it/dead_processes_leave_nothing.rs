@@ -2,9 +2,10 @@
 
 use jink_runtime::{Instance, Session, cleanup, now};
 use jink_shared_types::link::LinkStatus;
+use jink_shared_types::topics::MAX_PUBLISHERS;
 use jink_shared_types::{SampleHeader, topics};
 use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Names the instance to the process that is to be killed.
 const CHILD: &str = "JINK_TEST_DYING_CHILD";
@@ -41,7 +42,7 @@ fn whenever_they_are_killed() {
     let mut most = 0;
     for n in 0..kills {
         let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "child", "--nocapture"])
+            .args(["--exact", "dead_processes_leave_nothing::child", "--nocapture"])
             .env(CHILD, instance.to_string())
             .stdout(Stdio::null())
             .spawn()
@@ -60,6 +61,7 @@ fn whenever_they_are_killed() {
         swept.cleaned + swept.zombies,
         swept.zombies
     );
+    assert!(swept.cleaned + swept.zombies > 0, "none had a node");
     // The abandoned folders of nodes that nobody knows are left until they are old: at most the last few.
     let left = cleanup::node_count(&instance);
     assert!(
@@ -69,6 +71,39 @@ fn whenever_they_are_killed() {
     let fresh = Session::open(&instance, "mavlink_gateway").unwrap();
     assert!(fresh.output(topics::LINK_STATUS, "", 3).is_ok());
     drop((fresh, _held, supervisor));
+    instance.wipe().unwrap();
+    std::fs::remove_dir_all(instance.folder()).unwrap();
+}
+
+#[test]
+fn their_places_are_for_whoever_comes_next() {
+    let instance: Instance = format!("rt_places_{}", std::process::id()).parse().unwrap();
+    std::fs::create_dir_all(instance.folder()).unwrap();
+    let supervisor = Session::open(&instance, "supervisor").unwrap();
+    let held = supervisor.hold(topics::LINK_STATUS, "").unwrap();
+    let input = supervisor.input(topics::LINK_STATUS, "").unwrap();
+    let mut input = input.of_all_producers();
+    for _ in 0..3 * MAX_PUBLISHERS {
+        let mut child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "dead_processes_leave_nothing::child", "--nocapture"])
+            .env(CHILD, instance.to_string())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        // Until it has its place.
+        let begin = Instant::now();
+        let mut came = false;
+        while !came && begin.elapsed() < Duration::from_secs(60) {
+            input.each(|_| came = true);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(came, "no place was free");
+        // What it sent last is not the next one's.
+        input.each(|_| ());
+    }
+    drop((input, held, supervisor));
     instance.wipe().unwrap();
     std::fs::remove_dir_all(instance.folder()).unwrap();
 }
