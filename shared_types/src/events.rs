@@ -146,6 +146,8 @@ events! {
     LIDAR_LOST = 47, Warning, "jink: lidar {name} lost", "Land soon; look at its cable and its power.";
     /// It measures again.
     LIDAR_BACK = 48, Notice, "jink: lidar {name} back", "None.";
+    /// The telemetry log cannot be begun, or ends: its disk is full or gone.
+    TELEMETRY_LOG_LOST = 49, Warning, "jink: no telemetry log", "Make room on its disk, or name another folder in link.tlog.";
     /// The current mission item is a motion that cannot be guarded, and is not begun; the name says which.
     ITEM_HELD = 50, Warning, "jink: item {0} {name}: unguarded, held", "Choose another item, fly it by hand, or set OA_UNGUARDED.";
     /// The same, and OA_UNGUARDED lets the autopilot fly it.

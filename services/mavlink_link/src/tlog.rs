@@ -5,8 +5,10 @@
 
 use jink_runtime::realtime::{Scheduling, schedule};
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -31,33 +33,45 @@ pub struct Tlog {
     /// `None` = is being closed.
     records: Option<SyncSender<TlogRecord>>,
     writer: Option<JoinHandle<()>>,
+    /// Set by the writer when it cannot write any more.
+    has_failed: Arc<AtomicBool>,
     left_out: u64,
 }
 
 impl Tlog {
     /// Begins a new file in `folder`, which is made if it is not there. Its name holds the time and the generation of
-    /// the gateway.
+    /// the gateway, and a number if there is such a file already: a board without a clock of its own begins at the same time
+    /// again and again.
     ///
     /// # Errors
     /// The system's error about the folder, the file or the thread.
     pub fn begin(folder: &Path, generation: u32) -> std::io::Result<Self> {
         std::fs::create_dir_all(folder)?;
-        let path = folder.join(format!("jink-{}-{generation}.tlog", unix_us() / 1_000_000));
-        let file = File::create_new(&path)?;
+        let (file, path) = new_file(folder, unix_us() / 1_000_000, generation)?;
+        Self::writing(file, path)
+    }
+
+    /// Writes to `file`, which is called `path`.
+    fn writing(file: File, path: PathBuf) -> std::io::Result<Self> {
         let (records, incoming) = sync_channel(WAITING_MAX);
-        let name = path.clone();
+        let (name, has_failed) = (path.clone(), Arc::new(AtomicBool::new(false)));
+        let failed = Arc::clone(&has_failed);
         let writer = std::thread::Builder::new()
             .name("tlog".to_owned())
             .spawn(move || {
                 // Writing to a disk is not urgent, whatever priority the gateway itself has. On failure it keeps that
                 // priority.
                 let _ = schedule(0, Scheduling::Ordinary);
-                write_all(file, &name, &incoming);
+                if let Err(error) = write_all(file, &incoming) {
+                    tracing::error!("{}: the telemetry log ends here: {error}", name.display());
+                    failed.store(true, Ordering::Relaxed);
+                }
             })?;
         Ok(Self {
             path,
             records: Some(records),
             writer: Some(writer),
+            has_failed,
             left_out: 0,
         })
     }
@@ -86,6 +100,11 @@ impl Tlog {
         self.left_out += u64::from(!sent);
     }
 
+    /// Whether the file ends here: a full disk, or one that is gone.
+    pub fn has_failed(&self) -> bool {
+        self.has_failed.load(Ordering::Relaxed)
+    }
+
     /// Frames that are not in the file.
     pub fn left_out(&self) -> u64 {
         self.left_out
@@ -105,28 +124,40 @@ impl Drop for Tlog {
     }
 }
 
-/// Until the link is closed; whenever nothing waits, all is handed to the system.
-fn write_all(file: File, path: &Path, incoming: &Receiver<TlogRecord>) {
-    let mut file = BufWriter::new(file);
-    let mut write = || -> std::io::Result<()> {
-        loop {
-            let record = match incoming.try_recv() {
-                Ok(record) => record,
-                Err(TryRecvError::Disconnected) => return file.flush(),
-                Err(TryRecvError::Empty) => {
-                    file.flush()?;
-                    match incoming.recv() {
-                        Ok(record) => record,
-                        Err(_) => return Ok(()),
-                    }
-                }
-            };
-            file.write_all(&record.unix_us.to_be_bytes())?;
-            file.write_all(&record.bytes[..record.len])?;
+/// A file that was not there.
+fn new_file(folder: &Path, unix_s: u64, generation: u32) -> std::io::Result<(File, PathBuf)> {
+    let mut number = 1;
+    loop {
+        let suffix = if number == 1 {
+            String::new()
+        } else {
+            format!("-{number}")
+        };
+        let path = folder.join(format!("jink-{unix_s}-{generation}{suffix}.tlog"));
+        match File::create_new(&path) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => number += 1,
+            made => return Ok((made?, path)),
         }
-    };
-    if let Err(error) = write() {
-        tracing::error!("{}: the telemetry log ends here: {error}", path.display());
+    }
+}
+
+/// Until the link is closed; whenever nothing waits, all is handed to the system.
+fn write_all(file: File, incoming: &Receiver<TlogRecord>) -> std::io::Result<()> {
+    let mut file = BufWriter::new(file);
+    loop {
+        let record = match incoming.try_recv() {
+            Ok(record) => record,
+            Err(TryRecvError::Disconnected) => return file.flush(),
+            Err(TryRecvError::Empty) => {
+                file.flush()?;
+                match incoming.recv() {
+                    Ok(record) => record,
+                    Err(_) => return Ok(()),
+                }
+            }
+        };
+        file.write_all(&record.unix_us.to_be_bytes())?;
+        file.write_all(&record.bytes[..record.len])?;
     }
 }
 
@@ -137,7 +168,40 @@ fn unix_us() -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{FRAME_MAX, Tlog};
+    use super::{FRAME_MAX, Tlog, new_file};
+    use std::fs::File;
+
+    #[test]
+    fn a_second_start_at_the_same_time_begins_a_file_of_its_own() {
+        let folder = std::env::temp_dir().join(format!("jink_tlog_again_{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let names = [(); 3].map(|()| {
+            let (_file, path) = new_file(&folder, 1_700_000_000, 1).unwrap();
+            path.file_name().unwrap().to_string_lossy().into_owned()
+        });
+        std::fs::remove_dir_all(&folder).unwrap();
+        let begin = "jink-1700000000-1";
+        assert_eq!(
+            names,
+            [
+                format!("{begin}.tlog"),
+                format!("{begin}-2.tlog"),
+                format!("{begin}-3.tlog")
+            ]
+        );
+    }
+
+    #[test]
+    fn a_full_disk_ends_it_and_nothing_else() {
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let mut log = Tlog::writing(full, "/dev/full".into()).unwrap();
+        let begin = std::time::Instant::now();
+        while !log.has_failed() && begin.elapsed().as_secs() < 60 {
+            log.add(&[0xfd, 1, 2, 3]);
+            std::thread::yield_now();
+        }
+        assert!(log.has_failed());
+    }
 
     #[test]
     fn frames_are_written_with_their_time_and_what_is_no_frame_is_left_out() {

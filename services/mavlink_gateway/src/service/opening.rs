@@ -49,10 +49,7 @@ pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
         .sign_with_stamps_at(&stamps)
         .map_err(needs(format!("link.state: {}", stamps.display())))?;
     if !settings.tlog.is_empty() {
-        let log = Tlog::begin(Path::new(&settings.tlog), setup.generation)
-            .map_err(needs(format!("link.tlog = {:?}", settings.tlog)))?;
-        tracing::info!("telemetry log: {}", log.path().display());
-        links.record(log);
+        links.record(Tlog::begin(Path::new(&settings.tlog), setup.generation));
     }
     Ok(links)
 }

@@ -32,7 +32,7 @@ use crate::tlog::Tlog;
 use forward_queue::ForwardQueue;
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::EventSample;
+use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::link::{LINKS, LinkTraffic};
 use mavlink::MessageData;
 use mavlink::dialect::{MavMessage, SETUP_SIGNING_DATA};
@@ -160,9 +160,20 @@ impl Links {
         })
     }
 
-    /// Writes everything that is received and sent to `log`.
-    pub fn record(&mut self, log: Tlog) {
-        self.shared.log = Some(log);
+    /// Writes everything that is received and sent to `log`. One that cannot be begun, or ends, is reported: a log is no reason not
+    /// to fly.
+    pub fn record(&mut self, log: std::io::Result<Tlog>) {
+        match log {
+            Ok(log) => {
+                tracing::info!("telemetry log: {}", log.path().display());
+                self.shared.log = Some(log);
+            }
+            Err(error) => {
+                tracing::error!("no telemetry log: {error}");
+                self.events
+                    .push(EventSample::new(&events::TELEMETRY_LOG_LOST, "", [0.0; 2]));
+            }
+        }
     }
 
     /// Signs with stamps whose bound is kept at `path`, where a link asks for signatures.
@@ -282,6 +293,10 @@ impl Links {
 
     /// What has changed about the links since the last call.
     pub fn take_events(&mut self) -> impl Iterator<Item = EventSample> {
+        if self.shared.log.take_if(|log| log.has_failed()).is_some() {
+            self.events
+                .push(EventSample::new(&events::TELEMETRY_LOG_LOST, "", [0.0; 2]));
+        }
         self.events.drain(..)
     }
 

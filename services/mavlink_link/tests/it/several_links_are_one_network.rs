@@ -10,12 +10,13 @@ use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::config::{Purpose, Signing};
+use jink_shared_types::events;
 use jink_testkit::pseudo_terminal::plug_in;
 use mavlink::dialect::*;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message, calculate_crc};
 use proptest::prelude::*;
 use std::net::UdpSocket;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 const US: OwnIds = OwnIds {
@@ -250,12 +251,22 @@ fn what_is_ours_reaches_whom_it_is_for() {
 }
 
 #[test]
+fn a_telemetry_log_that_cannot_be_begun_is_reported() {
+    let mut bench = NetworkBench::introduced(|_| {});
+    bench
+        .links
+        .record(Tlog::begin(Path::new("/dev/null/no/folder"), 1));
+    let reported: Vec<u16> = bench.links.take_events().map(|event| event.id).collect();
+    assert_eq!(reported, [events::TELEMETRY_LOG_LOST.id]);
+}
+
+#[test]
 fn the_telemetry_log_holds_what_is_received_and_sent_on_every_link_once_and_no_key() {
     let mut bench = NetworkBench::introduced(|_| {});
     let folder = own_path("tlog");
     let log = Tlog::begin(&folder, 1).unwrap();
     let path = log.path().to_owned();
-    bench.links.record(log);
+    bench.links.record(Ok(log));
     let (autopilots, stations) = (bytes(1, 1, attitude(5)), bytes(255, 190, command(1, 1)));
     let _ = (bench.passes(0, &autopilots), bench.passes(1, &stations));
     let secret_key = *b"a key that somebody has set here";
