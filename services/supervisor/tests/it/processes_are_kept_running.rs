@@ -1,9 +1,11 @@
 //! The supervisor with real processes: what dies or hangs is replaced, and what cannot be helped is given up.
 
 use crate::rig::{Rig, is_alive, row, send, stand_in, wait_for};
+use jink_runtime::Session;
 use jink_runtime::request::Request;
 use jink_shared_types::health::{Health, ServiceState};
 use rustix::process::Signal;
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::time::Duration;
 
@@ -195,6 +197,9 @@ fn children_of_a_killed_supervisor_fly_on_and_the_next_one_goes_on_with_them() {
     std::thread::sleep(Duration::from_millis(300));
     assert!(pids.into_iter().all(is_alive), "nobody depends on the supervisor");
 
+    // What it was made from does not matter while they fly: an edit with a mistake, or an upgrade that is not finished.
+    std::fs::write(rig.config.join("jink.toml"), "half a line = [").unwrap();
+    std::fs::remove_file(rig.config.join("services.toml")).unwrap();
     rig.start();
     rig.wait_health(Health::Healthy);
     assert_eq!(["one", "two"].map(|name| rig.wait_active(name).pid), pids);
@@ -208,6 +213,24 @@ fn children_of_a_killed_supervisor_fly_on_and_the_next_one_goes_on_with_them() {
     let (status, log) = rig.stop();
     assert!(status.success(), "{log}");
     assert!(!pids.into_iter().any(is_alive));
+}
+
+#[test]
+fn where_everything_was_killed_the_first_start_works() {
+    let mut rig = Rig::new(&[row("one", "[]", "")]);
+    rig.start();
+    let first = rig.wait_active("one").pid;
+    rig.signal_supervisor(Signal::KILL);
+    send(first, Signal::KILL);
+    rig.ended();
+    wait_for("the end", || (!is_alive(first)).then_some(()));
+    // Somebody looks at it meanwhile, as commands do.
+    let looks = Session::open(&rig.instance, "cli").unwrap();
+    rig.start();
+    assert_ne!(rig.wait_active("one").pid, first);
+    drop(looks);
+    let (status, log) = rig.stop();
+    assert!(status.success(), "{log}");
 }
 
 #[test]
@@ -261,13 +284,29 @@ fn the_supervisor_itself_is_upgraded_and_nobody_notices() {
     };
     let refused = rig.ask(&upgrade("/bin/true"));
     assert!(refused.last().is_some_and(|answer| !answer.good), "{refused:?}");
+    // One that hangs is not waited for by anybody who needs the supervisor.
+    let hangs = rig.config.join("hangs");
+    std::fs::write(&hangs, "#!/bin/sh\nexec sleep 1000\n").unwrap();
+    std::fs::set_permissions(&hangs, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let asked = rig.ask_beside(&upgrade(hangs.to_str().unwrap()));
+    send(one, Signal::KILL);
+    let one = rig.wait_process("one", |now| {
+        now.restarts == 1 && now.state == ServiceState::Active
+    });
+    let refused = asked.join().unwrap();
+    let last = refused.last().unwrap();
+    assert!(
+        !last.good && last.text.contains("has not answered"),
+        "{refused:?}"
+    );
+    let one = one.pid;
     let answers = rig.ask(&upgrade(&crate::rig::supervisor()));
     assert!(answers.last().is_some_and(|answer| answer.good), "{answers:?}");
     rig.reconnect();
     assert_eq!(rig.wait_active("one").pid, one);
     send(one, Signal::KILL);
     let again = rig.wait_process("one", |now| {
-        now.restarts == 1 && now.state == ServiceState::Active
+        now.restarts == 2 && now.state == ServiceState::Active
     });
     assert_ne!(again.pid, one);
     let (status, log) = rig.stop();

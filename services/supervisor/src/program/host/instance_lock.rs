@@ -49,11 +49,11 @@ impl std::error::Error for InstanceLockError {}
 #[derive(Debug)]
 pub struct InstanceLock {
     instance: Instance,
-    _lock: File,
+    lock: File,
 }
 
 impl InstanceLock {
-    /// Locks the instance, or returns the process id of its owner.
+    /// Locks the instance, or returns the process id of its owner. The lock file is empty until [`Self::announce`].
     pub fn take(instance: &Instance) -> Result<Self, InstanceLockError> {
         let path = instance.lock_file();
         let failed = |cause: std::io::Error| InstanceLockError::Io {
@@ -68,7 +68,7 @@ impl InstanceLock {
                 .read(true)
                 .write(true)
                 .open(&path);
-            let mut file = match open {
+            let file = match open {
                 // The folder was removed by a supervisor that is just ending.
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
                 other => other.map_err(failed)?,
@@ -77,10 +77,9 @@ impl InstanceLock {
                 // The file may have been removed between opening and locking it: then the lock is worth nothing.
                 Ok(()) if is_still(&path, &file) => {
                     file.set_len(0).map_err(failed)?;
-                    writeln!(file, "{}", std::process::id()).map_err(failed)?;
                     return Ok(Self {
                         instance: instance.clone(),
-                        _lock: file,
+                        lock: file,
                     });
                 }
                 Ok(()) => {}
@@ -94,6 +93,21 @@ impl InstanceLock {
             instance: instance.to_string(),
             pid: pid.trim().to_owned(),
         })
+    }
+
+    /// Writes our process id into the lock file. Nothing of an earlier run is left by then that could be taken for ours.
+    pub fn announce(&self) -> std::io::Result<()> {
+        writeln!(&self.lock, "{}", std::process::id())
+    }
+
+    /// Lets go without a start: leaves what was there before, and no folder if there was none.
+    pub fn abandon(&self) {
+        let folder = self.instance.folder();
+        let holds_more = std::fs::read_dir(&folder).is_ok_and(|entries| entries.count() > 1);
+        if !holds_more {
+            // A folder that stays is found and removed like that of any run.
+            let _stays = std::fs::remove_dir_all(folder);
+        }
     }
 
     /// Removes everything the instance left in memory, logs included.

@@ -10,6 +10,7 @@
 //! | [`post_mortem`] | how a process ended, for later queries |
 //! | [`notify`] | systemd |
 //! | [`sweeper`] | removing what dead processes left in shared memory |
+//! | [`upgrade`] | the binary that the supervisor is to go on as, asked for its layouts |
 //! | [`system`] | the loop |
 
 mod children;
@@ -22,14 +23,15 @@ mod record;
 mod requests;
 mod sweeper;
 mod system;
+mod upgrade;
 
 use crate::program::args::Args;
 use crate::shared::{PROGRAM, SupervisorTopics};
 use crate::supervision::{End, Supervision};
-use crate::table::ProcessTable;
+use crate::table::{ProcessRow, ProcessTable};
 use children::{Children, Launch};
 use instance_lock::InstanceLock;
-use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE};
+use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE, Resolved};
 use jink_runtime::service::EXIT_CANNOT_START;
 use jink_runtime::{Instance, Session};
 use jink_shared_types::Timestamp;
@@ -40,7 +42,7 @@ use requests::Requests;
 use rustix::process::{Signal, pidfd_send_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use sweeper::Sweeper;
 use system::System;
@@ -63,23 +65,25 @@ pub fn run(args: &Args) -> ExitCode {
 
 fn start(args: &Args) -> Result<ExitCode, Failure> {
     let programs = program_folder()?;
-    let resolved = Config::resolve(
-        &args.config,
-        args.profile.as_deref(),
-        args.sensors.as_deref(),
-        &args.overrides,
-    )?;
-    let rows = ProcessTable::load(&args.config)?.select(args.mode, &programs, &resolved.config.sensors)?;
-
     let lock = InstanceLock::take(&args.instance)?;
     let record = ProcessRecord::new(&args.instance);
     let surviving = record.surviving();
     let (config, rows) = if surviving.is_empty() {
+        let (resolved, rows) = match configured(args, &programs) {
+            Ok(configured) => configured,
+            Err(error) => {
+                lock.abandon();
+                return Err(error);
+            }
+        };
         lock.clear()?;
+        lock.announce()?;
         keep_configuration(args, &resolved.text)?;
         (resolved.config, rows)
     } else {
-        // Processes of a supervisor that was killed are flying: what they were started with stays in force.
+        // Processes of a supervisor that was killed are flying: what they were started with stays in force, whatever has become of
+        // the configuration that it was made from.
+        lock.announce()?;
         let folder = args.instance.run_config();
         let config = Config::load(&folder)?;
         let rows = ProcessTable::load(&folder)?.select(args.mode, &programs, &config.sensors)?;
@@ -129,6 +133,19 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     Ok(code)
 }
 
+/// The configuration that the command line asks for, and the processes of it.
+fn configured(args: &Args, programs: &Path) -> Result<(Resolved, Vec<ProcessRow>), Failure> {
+    let resolved = Config::resolve(
+        &args.config,
+        args.profile.as_deref(),
+        args.sensors.as_deref(),
+        &args.overrides,
+    )?;
+    let table = ProcessTable::load(&args.config)?;
+    let rows = table.select(args.mode, programs, &resolved.config.sensors)?;
+    Ok((resolved, rows))
+}
+
 /// Adopts what an earlier supervisor has started; returns how many. Second instances are ended: what they
 /// were for was known to that supervisor only.
 fn adopt(
@@ -164,8 +181,7 @@ fn count_start(instance: &Instance) -> std::io::Result<u32> {
     Ok(start)
 }
 
-/// Puts the configuration in force where the processes read it. `jink.toml` comes last and at once: who sees it may
-/// connect to the instance.
+/// Puts the configuration in force where the processes read it. `jink.toml` comes last and at once.
 fn keep_configuration(args: &Args, text: &str) -> std::io::Result<()> {
     let folder = args.instance.run_config();
     std::fs::create_dir_all(&folder)?;

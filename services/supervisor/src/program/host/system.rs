@@ -5,6 +5,7 @@ use super::notify::Notifier;
 use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
 use super::sweeper::Sweeper;
+use super::upgrade::{Trial, supervisor_in};
 use crate::shadow::{PROBATION_CYCLES, SwapProgress, SwapRefusal};
 use crate::shared::{PROGRAM, SupervisorTopics};
 use crate::supervision::{Action, End, Exit, Observation, Supervision};
@@ -14,7 +15,6 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, PROCESSES};
 use jink_shared_types::suggestion::{DidYouMean, nearest};
-use jink_shared_types::topics::FINGERPRINT;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::Access;
 use rustix::process::Signal;
@@ -23,11 +23,12 @@ use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 /// How often the logs are measured (s); in that time even a chatty process writes little against their limit.
 const LOGS_PERIOD_S: f64 = 1.0;
 
+/// For whom a client waits that has asked for another supervisor.
+const UPGRADE: usize = usize::MAX;
 /// The signal, both instances of every process, and the clients.
 const FDS: usize = 1 + 2 * PROCESSES + 1 + CLIENTS;
 
@@ -50,6 +51,7 @@ pub struct System {
     sweeper: Sweeper,
     requests: Requests,
     instance: Instance,
+    trial: Option<Trial>,
     upgrade: Option<PathBuf>,
     logs_due: Timestamp,
     observations: Vec<Observation>,
@@ -79,6 +81,7 @@ impl System {
             sweeper,
             requests,
             instance,
+            trial: None,
             upgrade: None,
             logs_due: Timestamp::NEVER,
             observations: Vec::with_capacity(4 * PROCESSES),
@@ -109,6 +112,7 @@ impl System {
                 return end;
             }
             self.publish(now, changed);
+            self.judge_upgrade();
             if let Some(program) = self.upgrade.take() {
                 self.exec_program(&program);
             }
@@ -191,6 +195,7 @@ impl System {
         let until = [self.supervision.next_wake(now), self.shared.due(), self.logs_due]
             .into_iter()
             .chain(self.notifier.due())
+            .chain(self.trial.as_ref().map(|trial| trial.due(now)))
             .min()
             .unwrap_or(now);
         let left_ns = until.ns_since(now);
@@ -237,7 +242,7 @@ impl System {
     fn serve(&mut self, client: usize, request: &Request) -> Option<Answer> {
         tracing::info!("asked: {request:?}");
         let name = match request {
-            Request::Upgrade { program } => return self.begin_upgrade(program),
+            Request::Upgrade { program } => return self.begin_upgrade(client, program),
             Request::Swap { process, .. } | Request::Restart { process } | Request::Stop { process } => {
                 process
             }
@@ -307,32 +312,36 @@ impl System {
         }
     }
 
-    fn begin_upgrade(&mut self, program: &Path) -> Option<Answer> {
-        let asked = supervisor_in(program)
-            .arg("--fingerprint")
-            .stdin(Stdio::null())
-            .output();
-        let own = format!("{FINGERPRINT:016x}");
-        let refused = match asked {
-            Err(error) => Some(format!("{}: {error}", program.display())),
-            Ok(output) if !output.status.success() => Some(format!(
-                "{} --fingerprint ended with {}: {}",
-                program.display(),
-                output.status,
-                String::from_utf8_lossy(&output.stderr).trim()
-            )),
-            Ok(output) => {
-                let theirs = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-                (theirs != own).then(|| format!("its layouts differ ({theirs}, running {own})"))
-            }
-        };
-        match refused {
-            Some(why) => Some(refusal(format!("refused, nothing was changed: {why}"))),
-            None => {
-                self.upgrade = Some(program.to_owned());
-                Some(done("the supervisor goes on as the new binary".to_owned()))
-            }
+    fn begin_upgrade(&mut self, client: usize, program: &Path) -> Option<Answer> {
+        if self.trial.is_some() {
+            return Some(refused_upgrade("another binary is being asked"));
         }
+        match Trial::begin(program, jink_runtime::now()) {
+            Ok(trial) => {
+                self.trial = Some(trial);
+                self.requests.wait_for(client, UPGRADE);
+                None
+            }
+            Err(error) => Some(refused_upgrade(format!("{}: {error}", program.display()))),
+        }
+    }
+
+    /// Looks at the binary that is asked.
+    fn judge_upgrade(&mut self) {
+        let judged = self
+            .trial
+            .as_mut()
+            .and_then(|trial| trial.judge(jink_runtime::now()));
+        let Some(judged) = judged else { return };
+        self.trial = None;
+        let answer = match judged {
+            Ok(program) => {
+                self.upgrade = Some(program);
+                done("the supervisor goes on as the new binary".to_owned())
+            }
+            Err(why) => refused_upgrade(why),
+        };
+        self.requests.notify(UPGRADE, &answer);
     }
 
     /// Goes on as another binary, in the same process: the children stay children. Returns only if that fails.
@@ -378,6 +387,10 @@ impl System {
     }
 }
 
+fn refused_upgrade(why: impl std::fmt::Display) -> Answer {
+    refusal(format!("refused, nothing was changed: {why}"))
+}
+
 /// A positive answer.
 fn done(text: String) -> Answer {
     Answer {
@@ -385,9 +398,4 @@ fn done(text: String) -> Answer {
         last: true,
         good: true,
     }
-}
-
-/// A command that starts the supervisor in another file.
-fn supervisor_in(program: &Path) -> Command {
-    programs::command(&programs::file_of(program), "jink-supervisor".as_ref())
 }

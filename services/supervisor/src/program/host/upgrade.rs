@@ -63,7 +63,9 @@ impl Trial {
                 // It is of no use any more, whatever becomes of it.
                 let _ended_already = self.child.kill();
                 let _reaped = self.child.wait();
-                Some(Err(format!("it has not answered --fingerprint within {PATIENCE_S} s")))
+                Some(Err(format!(
+                    "it has not answered --fingerprint within {PATIENCE_S} s"
+                )))
             }
             Err(error) => Some(Err(error.to_string())),
             Ok(Some(status)) => Some(self.answer(status).map(|()| self.program.clone())),
@@ -72,7 +74,10 @@ impl Trial {
 
     fn answer(&mut self, status: ExitStatus) -> Result<(), String> {
         if !status.success() {
-            return Err(format!("--fingerprint ended with {status}: {}", text_of(&mut self.errors)));
+            return Err(format!(
+                "--fingerprint ended with {status}: {}",
+                text_of(&mut self.errors)
+            ));
         }
         let (own, theirs) = (format!("{FINGERPRINT:016x}"), text_of(&mut self.out));
         match theirs == own {
@@ -85,7 +90,9 @@ impl Trial {
 fn text_of(file: &mut File) -> String {
     let mut bytes = Vec::new();
     // What cannot be read is empty.
-    let _unread = file.rewind().and_then(|()| file.take(ANSWER_MAX).read_to_end(&mut bytes));
+    let _unread = file
+        .rewind()
+        .and_then(|()| file.take(ANSWER_MAX).read_to_end(&mut bytes));
     String::from_utf8_lossy(&bytes).trim().to_owned()
 }
 

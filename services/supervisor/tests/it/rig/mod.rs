@@ -10,6 +10,7 @@ use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Nothing in these tests takes this long, however busy the machine is.
@@ -99,13 +100,13 @@ impl Rig {
 
     /// Starts `command` as the supervisor and connects to its status.
     pub fn start_as(&mut self, mut command: Command) {
-        self.supervisor = Some(command.spawn().unwrap());
+        let started = command.spawn().unwrap();
+        let pid = started.id().to_string();
+        self.supervisor = Some(started);
         wait_for("the start", || {
-            self.instance
-                .run_config()
-                .join("jink.toml")
-                .exists()
-                .then_some(())
+            let holder = std::fs::read_to_string(self.instance.lock_file()).unwrap_or_default();
+            let is_prepared = self.instance.run_config().join("jink.toml").exists();
+            (holder.trim() == pid && is_prepared).then_some(())
         });
         self.reconnect();
     }
@@ -147,19 +148,25 @@ impl Rig {
 
     /// Sends a request to the supervisor and returns everything it answers.
     pub fn ask(&self, request: &Request) -> Vec<Answer> {
-        let mut stream = wait_for("the socket", || {
-            UnixStream::connect(self.instance.request_socket()).ok()
-        });
+        self.ask_beside(request).join().unwrap()
+    }
+
+    /// The same from a thread.
+    pub fn ask_beside(&self, request: &Request) -> JoinHandle<Vec<Answer>> {
+        let socket = self.instance.request_socket();
+        let mut stream = wait_for("the socket", || UnixStream::connect(&socket).ok());
         let line = serde_json::to_string(request).unwrap() + "\n";
         stream.write_all(line.as_bytes()).unwrap();
-        let mut answers: Vec<Answer> = Vec::new();
-        for line in BufReader::new(stream).lines() {
-            answers.push(serde_json::from_str(&line.unwrap()).unwrap());
-            if answers.last().is_some_and(|answer| answer.last) {
-                break;
+        std::thread::spawn(move || {
+            let mut answers: Vec<Answer> = Vec::new();
+            for line in BufReader::new(stream).lines() {
+                answers.push(serde_json::from_str(&line.unwrap()).unwrap());
+                if answers.last().is_some_and(|answer| answer.last) {
+                    break;
+                }
             }
-        }
-        answers
+            answers
+        })
     }
 
     pub fn signal_supervisor(&self, signal: Signal) {
@@ -213,6 +220,11 @@ impl Drop for Rig {
     fn drop(&mut self) {
         if let Some(mut supervisor) = self.supervisor.take() {
             let _ = supervisor.kill();
+            let mut log = String::new();
+            if let (true, Some(mut stderr)) = (std::thread::panicking(), supervisor.stderr.take()) {
+                let _ = stderr.read_to_string(&mut log);
+                eprintln!("{log}");
+            }
             let _ = supervisor.wait();
         }
         let swept = self.command().arg("--sweep").status();
