@@ -380,7 +380,15 @@ impl Network {
         }
         folder.write("jink.toml", &config);
         let address = format!("link.address=udpin:127.0.0.1:{first}");
-        let mut arguments = vec!["--world", "empty", "--config", folder.text()];
+        // Messages are what matters here: with a lidar that answers where there is nothing, too.
+        let mut arguments = vec![
+            "--world",
+            "empty",
+            "--sensor",
+            "sphere",
+            "--config",
+            folder.text(),
+        ];
         for set in [address.as_str(), "simulation.ground_station_port=0"]
             .iter()
             .chain(sets)
