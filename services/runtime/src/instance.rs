@@ -188,7 +188,7 @@ impl Instance {
     }
 }
 
-/// What is not there needs no removing.
+/// A file or folder that is not there counts as removed.
 fn unless_gone(done: std::io::Result<()>) -> std::io::Result<()> {
     match done {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
