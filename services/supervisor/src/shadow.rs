@@ -6,7 +6,7 @@
 //! | phase | ends well when | ends badly when |
 //! |---|---|---|
 //! | starting | the candidate sends a heartbeat from its loop | it ends, or its start grace is over |
-//! | probation | it has run the cycles requested, within budget, with outputs a consumer can use, about as many as the owner | it ends, falls silent, or fails the [`Trial`] |
+//! | probation | it has run the cycles requested, within budget, with outputs a consumer can use, neither mute beside the owner nor in a flood | it ends, falls silent, or fails the [`Trial`] |
 //! | switching | the moment written into the control record has passed | it ends: the owner keeps what it has |
 //! | watching | it has run as owner for [`WATCH_S`] | it ends or hangs: the former owner takes back |
 //!
@@ -26,9 +26,10 @@ const PROBATION_MIN_S: f64 = 1.0;
 const PROBATION_MAX_S: f64 = 60.0;
 /// Share of the probation's cycles that may be over budget: what a busy machine causes for any process.
 const MISSES_SHARE: f64 = 0.05;
-/// A candidate must put out at least this share of what the owner puts out, and at most its inverse.
-const OUTPUTS_SHARE: f64 = 0.5;
-/// Below this many outputs of the owner nothing is compared.
+/// A candidate with less than its inverse of the owner's outputs is mute; one with more than this many times the owner's,
+/// and than this many per cycle, floods. An owner that has nothing to say does not keep another from saying something.
+const OUTPUTS_TIMES: u64 = 2;
+/// Below this many outputs of the owner no candidate is mute.
 const OUTPUTS_MIN: u64 = 10;
 /// From the decision to the switch at least (s): the record wakes both instances when it is written; two heartbeat
 /// periods leave room for one that is busy.
@@ -329,8 +330,9 @@ impl Trial {
     }
 
     fn outputs_agree(&self) -> bool {
-        let share = self.outputs as f64 / self.owner_outputs.max(1) as f64;
-        self.owner_outputs < OUTPUTS_MIN || (OUTPUTS_SHARE..=1.0 / OUTPUTS_SHARE).contains(&share)
+        let is_mute = self.owner_outputs >= OUTPUTS_MIN && OUTPUTS_TIMES * self.outputs < self.owner_outputs;
+        let floods = self.outputs > OUTPUTS_TIMES * self.owner_outputs.max(self.cycles);
+        !is_mute && !floods
     }
 }
 
@@ -415,7 +417,18 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_a_garbled_a_mute_and_an_idle_candidate_fail_for_their_own_reasons() {
+    fn a_candidate_speaks_where_the_owner_has_nothing_to_say() {
+        for owner_outputs in [0, 9, 20, 100] {
+            let verdict = judge(5.0, beat(150, 7, 140, 0), owner_outputs);
+            assert!(
+                matches!(verdict, TrialVerdict::Passed(_)),
+                "{owner_outputs}: {verdict:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_slow_a_garbled_a_mute_a_flooding_and_an_idle_candidate_fail_for_their_own_reasons() {
         let slow = judge(2.0, beat(120, 11, 110, 0), 20);
         assert!(
             matches!(slow, TrialVerdict::Failed(SwapRefusal::OverBudget(_))),
@@ -430,6 +443,11 @@ mod tests {
         assert!(
             matches!(mute, TrialVerdict::Failed(SwapRefusal::Outputs(_))),
             "{mute:?}"
+        );
+        let flood = judge(5.0, beat(150, 7, 191, 0), 20);
+        assert!(
+            matches!(flood, TrialVerdict::Failed(SwapRefusal::Outputs(_))),
+            "{flood:?}"
         );
         let idle = judge(61.0, beat(110, 7, 100, 0), 600);
         assert!(
