@@ -23,6 +23,8 @@ pub struct Trial {
     out: File,
     errors: File,
     until: Timestamp,
+    /// It was killed because it had not answered.
+    was_late: bool,
 }
 
 /// A file in memory for the output of a program: it never blocks, whoever keeps it open.
@@ -47,26 +49,29 @@ impl Trial {
             out,
             errors,
             until: now.plus_seconds(PATIENCE_S),
+            was_late: false,
         })
     }
 
     /// When to look again.
-    pub fn due(&self, now: Timestamp) -> Timestamp {
-        self.until.min(now.plus_seconds(LOOK_S))
+    pub fn due(now: Timestamp) -> Timestamp {
+        now.plus_seconds(LOOK_S)
     }
 
-    /// The program once it has answered with our layouts, or why not; `None` while there is time.
+    /// The program once it has answered with our layouts, or why not; `None` until it has ended.
     pub fn judge(&mut self, now: Timestamp) -> Option<Result<PathBuf, String>> {
         match self.child.try_wait() {
-            Ok(None) if now < self.until => None,
             Ok(None) => {
-                // It is of no use any more, whatever becomes of it.
-                let _ended_already = self.child.kill();
-                let _reaped = self.child.wait();
-                Some(Err(format!(
-                    "it has not answered --fingerprint within {PATIENCE_S} s"
-                )))
+                if now >= self.until && !self.was_late {
+                    self.was_late = true;
+                    // It may have ended meanwhile.
+                    let _ended_already = self.child.kill();
+                }
+                None
             }
+            Ok(Some(_)) if self.was_late => Some(Err(format!(
+                "it has not answered --fingerprint within {PATIENCE_S} s"
+            ))),
             Err(error) => Some(Err(error.to_string())),
             Ok(Some(status)) => Some(self.answer(status).map(|()| self.program.clone())),
         }
