@@ -100,9 +100,14 @@ impl Handle {
         Instance::from_str(&self.instance).map_or_else(|_| PathBuf::new(), |instance| instance.log_folder())
     }
 
-    /// Shows the last lines of every log of it.
-    fn show_logs(&self) {
-        let files = std::fs::read_dir(self.log_folder());
+    /// Shows the last lines of every log of it if the test has failed, and removes what `jink down` keeps.
+    fn end_logs(&self) {
+        let folder = self.log_folder();
+        if !std::thread::panicking() {
+            let _none_kept = folder.parent().map(std::fs::remove_dir_all);
+            return;
+        }
+        let files = std::fs::read_dir(folder);
         for file in files.into_iter().flatten().flatten() {
             let text = std::fs::read_to_string(file.path()).unwrap_or_default();
             let lines: Vec<&str> = text.lines().collect();
@@ -217,17 +222,14 @@ impl Deref for System {
 /// A test that has failed shows what the services have said, and where the vehicle was.
 impl Drop for System {
     fn drop(&mut self) {
-        let failed = std::thread::panicking();
-        if failed {
+        if std::thread::panicking() {
             eprintln!("{}\n{}", self.truth(), self.jink(&["status"]).stdout);
         }
         let down = self.jink(&["down", "--now"]);
         if down.code != Some(0) {
             eprintln!("{}: {down:?}", self.handle.instance);
         }
-        if failed {
-            self.handle.show_logs();
-        }
+        self.handle.end_logs();
     }
 }
 
@@ -425,9 +427,9 @@ impl Drop for Flight {
                     eprintln!("{}", String::from_utf8_lossy(&output.stdout));
                 }
                 eprintln!("{}: {}", self.handle.instance, down.stdout.trim());
-                self.handle.show_logs();
             }
         }
+        self.handle.end_logs();
     }
 }
 

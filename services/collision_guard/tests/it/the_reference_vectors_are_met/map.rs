@@ -47,7 +47,7 @@ pub struct MapComparison<'a> {
 }
 
 impl MapComparison<'_> {
-    /// Compares it with what is expected of its step.
+    /// Compares the received messages with those that the step expects.
     pub fn judge(&self, expect: &Value, fragile_bins: &[usize], report: &mut VectorReport) {
         let distances_cm = unrolled(&expect["map_cm"]);
         let ranges_cm = unrolled(&expect["bin_max_range_cm"]);

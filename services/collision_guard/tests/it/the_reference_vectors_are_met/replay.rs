@@ -104,7 +104,7 @@ impl Replay {
             }
         }
         let beams = list_if_any(step, "distance_sensors").iter().map(read_beam);
-        // What is new waits while prevention is off: the newest of each.
+        // The newest message of each layer is kept while prevention is off.
         for message in beams.chain(step.get("obstacle_distance").map(read_row)) {
             self.pending.retain(|other| other.layer != message.layer);
             self.pending.push(message);
