@@ -143,6 +143,22 @@ impl Handle {
             .unwrap_or(Value::Null)
     }
 
+    /// Kills a process of this name (SIGKILL); answers which it was.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn kill(&self, name: &str) -> i64 {
+        let mut killed = None;
+        until("a process to kill", || {
+            killed = self.service(name)["pid"].as_i64();
+            killed.is_some()
+        });
+        let pid = killed.and_then(|pid| rustix::process::Pid::from_raw(i32::try_from(pid).ok()?));
+        rustix::process::kill_process(pid.expect("a process id"), rustix::process::Signal::KILL)
+            .expect("a process that can be killed");
+        killed.unwrap_or_default()
+    }
+
     /// The ground truth as text; empty before there is one.
     pub fn truth(&self) -> String {
         self.jink(&["topic", "echo", "sim/truth", "--count", "1", "--timeout", "2"])

@@ -6,7 +6,6 @@ use jink_tests::pilot::Tablet;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{System, TempFolder, until};
 use std::net::UdpSocket;
-use std::process::Command;
 use std::time::{Duration, Instant};
 
 const KILLS: u32 = 5;
@@ -49,17 +48,10 @@ fn killed_again_and_again_at_full_stick_nothing_is_touched() {
         until("motion", || {
             system.flown_m() - before_m > 1.0 || begin.elapsed() > Duration::from_secs(6)
         });
-        let guard = system.service("collision_guard");
-        let pid = guard["pid"].as_u64().unwrap();
-        let restarts = guard["restarts"].as_u64().unwrap();
-        let killed = Command::new("kill")
-            .args(["-9", &pid.to_string()])
-            .status()
-            .unwrap();
-        assert!(killed.success());
+        let killed = system.kill("collision_guard");
         until("a new guard", || {
             let guard = system.service("collision_guard");
-            guard["state"] == "active" && guard["restarts"].as_u64() > Some(restarts)
+            guard["state"] == "active" && guard["pid"].as_i64().is_some_and(|pid| pid != killed)
         });
     }
     std::thread::sleep(Duration::from_secs(3));

@@ -144,10 +144,6 @@ impl Drop for Observer {
     }
 }
 
-fn pid(flight: &Flight) -> u64 {
-    flight.service(PROCESS)["pid"].as_u64().unwrap_or(0)
-}
-
 /// Flies with the planner of `folder`, which is killed and then replaced by `replacement` while its ways are flown.
 fn fly(folder: &TempFolder, replacement: &str) {
     let flight = Flight::begin(&["--seed", "5", "--speed", "2", "--config", folder.text()]);
@@ -155,16 +151,11 @@ fn fly(folder: &TempFolder, replacement: &str) {
     let mut observer = Observer::of(flight.instance());
     until("a proposal that is flown", || observer.starts_flown() == 1);
 
-    let killed = pid(&flight);
-    let kill = std::process::Command::new("kill")
-        .args(["-9", &killed.to_string()])
-        .status();
-    assert!(kill.is_ok_and(|status| status.success()));
+    let killed = flight.kill(PROCESS);
     until("a proposal of the second start that is flown", || {
         observer.starts_flown() == 2
     });
-    let second = pid(&flight);
-    assert!(second != killed && second != 0);
+    assert_ne!(flight.service(PROCESS)["pid"], killed);
     assert_eq!(flight.service(PROCESS)["restarts"], 1);
 
     let swap = flight.jink(&["swap", PROCESS, replacement]);

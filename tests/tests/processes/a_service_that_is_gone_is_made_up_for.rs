@@ -97,9 +97,7 @@ fn parameters_are_read_tuned_and_kept_whoever_is_dead() {
     assert_eq!(value(), Some(2.5));
 
     // Its owner dies: a new one has what was changed.
-    let pid = jink.service("parameter_server")["pid"].as_i64().unwrap();
-    let pid = rustix::process::Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
-    rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap();
+    jink.kill("parameter_server");
     until("another owner", || {
         let server = jink.service("parameter_server");
         server["restarts"] == 1 && server["state"] == "active"

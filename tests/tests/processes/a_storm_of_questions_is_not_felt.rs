@@ -213,9 +213,7 @@ fn however_often_the_ground_services_are_killed_under_it() {
     jink.until_it_flies();
     for kill in 1..=kills {
         let begin = Instant::now();
-        let pid = jink.service("ground_services")["pid"].as_i64().unwrap();
-        let pid = rustix::process::Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
-        rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap();
+        jink.kill("ground_services");
         until("the next instance", || {
             let service = jink.service("ground_services");
             service["restarts"] == kill && service["state"] == "active"

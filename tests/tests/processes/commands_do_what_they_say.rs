@@ -152,12 +152,7 @@ fn another_supervisor_goes_on_unnoticed(role: &str) -> bool {
         jink.status()["link"]["avoidance"] == "active"
     });
     // What the status says of a killed service survives, too.
-    let killed = jink.service("planner")["pid"].as_u64().unwrap();
-    rustix::process::kill_process(
-        rustix::process::Pid::from_raw(i32::try_from(killed).unwrap()).unwrap(),
-        rustix::process::Signal::KILL,
-    )
-    .unwrap();
+    jink.kill("planner");
     until("a planner that is back", || {
         let planner = jink.service("planner");
         planner["restarts"] == 1 && planner["state"] == "active"

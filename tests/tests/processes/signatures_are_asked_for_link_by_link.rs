@@ -7,7 +7,6 @@ use jink_tests::processes::{TempFolder, until};
 use serde_json::json;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 const PASSPHRASE: &str = "correct horse battery staple";
 /// SHA-256 of it.
@@ -128,18 +127,14 @@ fn stamps_only_grow_whatever_becomes_of_the_gateway() {
         let signed = if line == "off" { "no" } else { "right" };
         assert!(is_answered(&mut station, line, signed), "{line}");
     }
-    let pid = || network.service("mavlink_gateway")["pid"].as_u64();
+    let pid = || network.service("mavlink_gateway")["pid"].as_i64();
     let restart = || {
         let restarted = network.jink(&["restart", "mavlink_gateway", "--hard"]);
         assert_eq!(restarted.code, Some(0), "{restarted:?}");
     };
     let kill = || {
-        let before = pid();
-        let kill = Command::new("kill")
-            .args(["-9", &before.unwrap().to_string()])
-            .status();
-        assert!(kill.unwrap().success());
-        until("another gateway", || pid().is_some() && pid() != before);
+        let killed = network.kill("mavlink_gateway");
+        until("another gateway", || pid().is_some_and(|pid| pid != killed));
     };
     let changes: [(&str, &dyn Fn()); 2] = [("a restart", &restart), ("a crash", &kill)];
     for (what, change) in changes {

@@ -47,9 +47,7 @@ fn by_the_owner_of_the_parameters_and_the_next_planner() {
     mission.wait().unwrap();
     let learned_s2 = kept_s2();
     for process in ["parameter_server", "planner"] {
-        let killed = jink.service(process)["pid"].as_i64().unwrap();
-        let pid = rustix::process::Pid::from_raw(i32::try_from(killed).unwrap()).unwrap();
-        rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap();
+        let killed = jink.kill(process);
         until("another one", || {
             let service = jink.service(process);
             service["pid"] != killed && service["state"] == "active"
