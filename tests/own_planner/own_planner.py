@@ -93,7 +93,7 @@ def main():
     way, way_goal, proposal, newest = None, None, jink.Proposal(), 0
     while not process.ends:
         begin_s = time.monotonic()
-        inputs = [source.fresh() for source in (maps, states, desires)]
+        inputs = [maps.fresh(view=True), states.fresh(), desires.fresh()]
         if all(inputs):
             (local_map, map_header), (state, _), (desired, _) = inputs
             if map_header.sequence != newest and wants_planning(desired):
@@ -103,16 +103,15 @@ def main():
                 obstacles = Slice(local_map, state.position.z_m)
                 if way_goal != goal or way is None or not obstacles.is_clear(way, here, goal):
                     way, way_goal = find_way(obstacles, here, goal), goal
-                    proposal = jink.Proposal(id=time.monotonic_ns(), goal=place, len=4 if way else 0)
+                    proposal = jink.Proposal(id=process.now_ns(), goal=place, len=4 if way else 0)
                     for waypoint, (x, y) in zip(proposal.waypoints, way or []):
                         waypoint.x_m, waypoint.y_m, waypoint.z_m = x, y, place.z_m
                 if way:
                     output.send(proposal, map_header.capture)
-        state_now = jink.ServiceState.ACTIVE if all(inputs) else jink.ServiceState.STANDBY
-        # A reader may hold two samples of a topic at once: these go before the next ones come.
-        inputs = local_map = map_header = state = desired = place = None
-        process.cycle(begin_s, state_now)
-        time.sleep(PERIOD_S)
+        process.cycle(begin_s, jink.ServiceState.ACTIVE if all(inputs) else jink.ServiceState.STANDBY)
+        # The map is the sample itself: it goes before the next one comes.
+        inputs = local_map = map_header = None
+        process.wait(PERIOD_S)
     process.stop()
 
 

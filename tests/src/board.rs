@@ -5,6 +5,7 @@
 //! [`Supervision`].
 
 use crate::proposer::ProposerService;
+use crate::remote::Remote;
 use jink_bezier_generator::GeneratorService;
 use jink_collision_guard::GuardService;
 use jink_ground_services::GroundServicesService;
@@ -12,7 +13,7 @@ use jink_mavlink_gateway::GatewayService;
 use jink_obstacle_fusion::FusionService;
 use jink_parameter_server::ParameterService;
 use jink_planner::PlannerService;
-use jink_runtime::config::{Config, PROCESS_FILE};
+use jink_runtime::config::{Config, PROCESS_FILE, is_foreign};
 use jink_runtime::lockstep::{LocalBus, Looked, Member};
 use jink_runtime::service::{EXIT_CANNOT_START, EXIT_RESTART};
 use jink_runtime::{Instance, Service, Session, Setup, StartError};
@@ -32,7 +33,7 @@ use std::time::Instant;
 const START_S: f64 = 0.008;
 
 /// A process of the board.
-trait Process {
+pub(crate) trait Process {
     fn run_if_due(&mut self) -> Looked;
     fn terminate(self: Box<Self>);
     fn as_any(&self) -> &dyn Any;
@@ -307,6 +308,10 @@ impl Board {
                 place.running[which] = None;
                 self.ended(index, which, Exit::Code(EXIT_RESTART));
             }
+            Looked::Ended(status) => {
+                place.running[which] = None;
+                self.ended(index, which, Exit::of(status));
+            }
         }
     }
 
@@ -329,6 +334,12 @@ impl Board {
         let line = std::iter::once(program).chain(place.row.arguments_of(&start));
         let started = Setup::of_command_line(line).and_then(|mut setup| {
             setup.pid = begun.pid;
+            if is_foreign(&name) {
+                let socket = self.instance.folder().join(format!("lockstep_{}", begun.pid));
+                let arguments = place.row.arguments_of(&start);
+                let remote = Remote::start(&self.bus, &place.row.program, arguments, &socket)?;
+                return Ok(Box::new(remote) as Box<dyn Process>);
+            }
             let mut config = Config::load(&folder)?;
             self.rig.configure(&name, &mut config);
             let mut process = member(&place.row.program, &self.bus, setup, config)?;

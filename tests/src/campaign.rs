@@ -5,7 +5,7 @@ pub mod recorded;
 pub mod table;
 pub mod variation;
 
-use crate::lockstep::{FlightSetup, LockStep};
+use crate::lockstep::{FlightSetup, LockStep, UserPlanner};
 use crate::station::StationColumn;
 use crate::suite;
 use crate::suite::difficulty::Difficulty;
@@ -116,6 +116,9 @@ pub struct FlightReport {
     pub speed_mps: f64,
     /// Set of sensors.
     pub sensor: String,
+    /// A planner of somebody else's that proposed ways.
+    #[serde(default)]
+    pub process: Option<UserPlanner>,
     /// What the ground station does in flight.
     pub station: StationColumn,
     /// Longest mission (s).
@@ -271,6 +274,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         link_faults: None,
         plan,
         proposer: None,
+        planner: None,
     })
 }
 
@@ -355,6 +359,7 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
         profile: profile.name().to_owned(),
         speed_mps: cell.speed_mps,
         sensor: cell.sensors.name.clone(),
+        process: None,
         station: StationColumn::default(),
         limit_s: cell.limit_s,
         variation: cell.variation,

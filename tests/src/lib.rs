@@ -16,5 +16,6 @@ pub mod pilot;
 pub mod ports;
 pub mod processes;
 pub mod proposer;
+mod remote;
 pub mod station;
 pub mod suite;

@@ -19,7 +19,7 @@ mod setup;
 mod spectator;
 
 pub use jink_simulator::service::FrameDelay;
-pub use setup::FlightSetup;
+pub use setup::{FlightSetup, UserPlanner};
 
 use crate::board::Board;
 use crate::proposer::{Plan, ProposerService};
@@ -100,6 +100,8 @@ pub struct LockStep {
     spectator: Spectator,
     nothing: Nothing,
     flown: Rc<RefCell<Flown>>,
+    /// The process of somebody else's planner.
+    user_planner: Option<String>,
     boots: Box<dyn Autopilot>,
     truth: SimTruth,
     step: u64,
@@ -141,7 +143,10 @@ impl LockStep {
         let boots = autopilot.clone().build().map_err(|error| text(&error))?;
         let truth = Observer::new(setup.params.get(&OA_VEH_RADIUS)).observe(boots.as_ref(), &setup.world);
         let bus = LocalBus::new(Timestamp::from_seconds(BOARD_START_S));
-        let folder = Folder::new(&configuration(&setup)?)?;
+        let proposer = setup.proposer.map_or("", |_| PROPOSER_ROW);
+        let planner = setup.planner.as_ref().map(UserPlanner::row).unwrap_or_default();
+        let table = format!("{PROCESSES}{proposer}{planner}");
+        let folder = Folder::new(&configuration(&setup)?, &table)?;
         let (wire, vehicle) = (address(&folder.path("wire")), address(&folder.path("autopilot")));
         let flown = Rc::new(RefCell::new(Flown {
             autopilot,
@@ -153,8 +158,7 @@ impl LockStep {
             vehicle,
             flown: Rc::clone(&flown),
         };
-        let users = setup.proposer.map_or("", |_| PROPOSER_ROW);
-        let board = Board::new(&bus, &folder.0, &format!("{PROCESSES}{users}"), rig)?;
+        let board = Board::new(&bus, &folder.0, &table, rig)?;
         let faults = setup.link_faults.unwrap_or_default();
         let station = LocalSocket::bind(
             &folder.path("autopilot.station"),
@@ -172,6 +176,7 @@ impl LockStep {
                 approved: Box::default(),
                 prevented: PreventedDemand::default(),
             },
+            user_planner: setup.planner.map(|planner| planner.process()),
             board,
             bus,
             flown,
@@ -284,6 +289,7 @@ impl LockStep {
                 "bezier_generator",
                 "planner",
                 PROPOSER,
+                self.user_planner.as_deref().unwrap_or_default(),
                 "obstacle_fusion",
                 SENSORS,
                 "parameter_server",

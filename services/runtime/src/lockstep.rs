@@ -27,9 +27,12 @@
 //! assert_eq!(ticker.service().0, 10);
 //! ```
 
+pub mod relay;
+pub(crate) mod remote;
+
 pub use crate::transport::local::LocalBus;
 
-use crate::config::Config;
+use crate::config::{Config, Foreign, is_foreign};
 use crate::running::Running;
 use crate::service::Service;
 use crate::session::Session;
@@ -48,6 +51,8 @@ pub enum Looked {
     Ran,
     /// It ran a cycle and wants to be started again.
     WantsRestart,
+    /// It has ended by itself.
+    Ended(std::process::ExitStatus),
 }
 
 /// A service in lock-step. Dropping it is what SIGKILL is to a process.
@@ -67,10 +72,15 @@ impl<S> fmt::Debug for Member<S> {
 impl<S: Service> Member<S> {
     /// Opens the service on `bus`, as a process started with `setup` and `config` would. Its first cycle is due at once.
     ///
+    /// A process of somebody else's uses what the table in its configuration folder grants it.
+    ///
     /// # Errors
     /// Whatever keeps the service from working.
     pub fn start(bus: &LocalBus, setup: Setup, config: Config) -> Result<Self, StartError> {
-        let session = Session::local(bus, S::PROGRAM);
+        let session = match is_foreign(&setup.process) {
+            true => Session::local(bus, &setup.process).with(&Foreign::load(&setup.config)?),
+            false => Session::local(bus, S::PROGRAM),
+        };
         Ok(Self {
             running: Running::start(session, setup, config)?,
             bus: bus.clone(),
@@ -98,6 +108,11 @@ impl<S: Service> Member<S> {
             true => Looked::WantsRestart,
             false => Looked::Ran,
         }
+    }
+
+    /// When it is due even if nothing comes: for a cycle or for its heartbeat.
+    fn due(&self) -> Timestamp {
+        self.wake.min(self.running.beat_due())
     }
 
     /// Ends it as SIGTERM ends a process: it says so.

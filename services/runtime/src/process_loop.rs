@@ -43,7 +43,7 @@ pub fn run<S: Service>() -> ExitCode {
 
 /// How the loop has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Ended {
+pub(crate) enum Ended {
     Stopped,
     WantsRestart,
 }
@@ -57,6 +57,9 @@ fn start<S: Service>(setup: Setup) -> Result<Ended, StartError> {
         })?;
     }
     let config = Config::load(&setup.config)?;
+    if let Some(socket) = setup.lockstep.clone() {
+        return crate::lockstep::remote::serve::<S>(&socket, setup, config);
+    }
     let wish = RealtimeWish {
         priority: setup.priority,
         core: setup.core,

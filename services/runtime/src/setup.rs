@@ -48,6 +48,9 @@ pub struct Setup {
     /// Log level: error, warn, info, debug, trace
     #[arg(long, default_value = "info")]
     pub log: tracing::Level,
+    /// Socket of a scheduler with which the process runs in lock-step, instead of shared memory
+    #[arg(long)]
+    pub lockstep: Option<PathBuf>,
     /// Arguments of this kind of service
     #[arg(last = true)]
     pub arguments: Vec<String>,

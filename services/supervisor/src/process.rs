@@ -8,6 +8,8 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::coded::{Coded, Flag};
 use jink_shared_types::health::{Heartbeat, Name, ProcessStatus, ReplaceReason, Role, ServiceState};
 use std::fmt;
+use std::os::unix::process::ExitStatusExt;
+use std::process::ExitStatus;
 
 /// How a process ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +25,15 @@ pub enum Exit {
 }
 
 impl Exit {
+    /// What the kernel says of it.
+    pub fn of(status: ExitStatus) -> Self {
+        let small = |number: i32| u8::try_from(number).unwrap_or(u8::MAX);
+        match (status.code(), status.signal()) {
+            (Some(code), _) => Self::Code(small(code)),
+            (None, signal) => Self::Signal(small(signal.unwrap_or_default())),
+        }
+    }
+
     /// As in [`ProcessStatus::last_exit`]; 127 for a program that could not be started, as in shells; 511 (no signal
     /// has this number) if it is not known.
     pub fn code(self) -> u32 {

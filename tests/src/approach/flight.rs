@@ -133,6 +133,7 @@ fn setup(cell: &Cell) -> Result<FlightSetup, String> {
             mission_limit_s: f64::INFINITY,
         },
         proposer: None,
+        planner: None,
     })
 }
 

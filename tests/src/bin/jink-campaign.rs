@@ -7,6 +7,7 @@ use jink_tests::campaign::{
     Cell, FlightOutcome, FlightReport, FlownFlight, SPHERE, fly_drawn, plot, recorded, sensor_set,
     sensors_of, setup, table,
 };
+use jink_tests::lockstep::UserPlanner;
 use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 use jink_tests::station::StationColumn;
 use jink_tests::suite::hindrance::Hindrance;
@@ -49,6 +50,10 @@ struct Arguments {
     /// px4_offboard in suites, px4_trajectory in worlds
     #[arg(long, value_parser = pairing)]
     profile: Option<Pairing>,
+    /// A planner of somebody else's that proposes ways, as process user_NAME: docs/bring_your_own_process.md. Time stands still while it
+    /// thinks
+    #[arg(long, value_name = "NAME=PROGRAM")]
+    process: Option<UserPlanner>,
     /// What the ground station does in flight
     #[arg(long, value_enum, default_value_t)]
     station: StationColumn,
@@ -253,6 +258,7 @@ fn is_of(report: &FlightReport, arguments: &Arguments, cell: &Cell) -> bool {
         && report.cell == name
         && report.profile == profile(arguments).name()
         && report.sensor == cell.sensors.name
+        && report.process == arguments.process
         && report.station == arguments.station
         && report.limit_s == cell.limit_s
         && report.speed_mps == cell.speed_mps
@@ -264,9 +270,11 @@ fn fly(arguments: &Arguments, cell: &Cell, seed: u64) -> Result<FlownFlight, Str
     let profile = profile(arguments);
     let mut setup = profile.fly(setup(cell, seed)?)?;
     arguments.station.plan(&mut setup.plan);
+    setup.planner.clone_from(&arguments.process);
     let mut flown = fly_drawn(setup, cell)?;
     profile.name().clone_into(&mut flown.report.profile);
     flown.report.station = arguments.station;
+    flown.report.process.clone_from(&arguments.process);
     Ok(flown)
 }
 

@@ -1,7 +1,7 @@
 //! The folder of a flight's instance, with its configuration file and its sockets.
 
 use jink_runtime::Instance;
-use jink_runtime::config::CONFIG_FILE;
+use jink_runtime::config::{CONFIG_FILE, PROCESS_FILE};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 pub(super) struct Folder(pub(super) Instance);
 
 impl Folder {
-    /// A new one with its configuration.
-    pub(super) fn new(config: &str) -> Result<Self, String> {
+    /// A new one with its configuration and its process table.
+    pub(super) fn new(config: &str, table: &str) -> Result<Self, String> {
         static FLIGHTS: AtomicU32 = AtomicU32::new(0);
         let number = FLIGHTS.fetch_add(1, Ordering::Relaxed);
         let name = format!("ls{}_{number}", std::process::id());
@@ -18,6 +18,7 @@ impl Folder {
         let run_config = folder.0.run_config();
         std::fs::create_dir_all(&run_config)
             .and_then(|()| std::fs::write(run_config.join(CONFIG_FILE), config))
+            .and_then(|()| std::fs::write(run_config.join(PROCESS_FILE), table))
             .map_err(|error| format!("{}: {error}", run_config.display()))?;
         Ok(folder)
     }

@@ -13,6 +13,7 @@ mod a_narrow_place_is_left_again;
 mod a_pilot_hands_over_in_motion;
 mod a_pilot_is_kept_from_obstacles;
 mod a_pilot_without_ranges_is_stopped_and_held;
+mod a_planner_of_somebody_else_is_flown_in_lockstep;
 mod a_proposed_way_is_flown_when_it_is_certified;
 mod a_restarted_gateway_leaves_the_plan_alone;
 mod a_sensor_that_dies_in_flight_slows_and_never_crashes;

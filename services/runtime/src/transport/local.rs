@@ -51,18 +51,21 @@ impl LocalBus {
         name: &str,
         payload: PayloadType,
     ) -> Result<Publisher, OpenError> {
-        let channel = self.channel(name, payload)?;
+        Ok(self.publisher_on(self.channel(name, payload)?, row.wakes))
+    }
+
+    fn publisher_on(&self, channel: Rc<Channel>, wakes: bool) -> Publisher {
         let last = Rc::new(RefCell::new(None));
         channel.publishers.borrow_mut().push(Rc::downgrade(&last));
         let number = self.0.publishers.get();
         self.0.publishers.set(number + 1);
-        Ok(Publisher {
+        Publisher {
             channel,
             number,
             last,
             pool: Vec::new(),
-            wakes: row.wakes,
-        })
+            wakes,
+        }
     }
 
     pub(crate) fn subscriber(
@@ -72,8 +75,12 @@ impl LocalBus {
         payload: PayloadType,
     ) -> Result<Subscriber, OpenError> {
         let channel = self.channel(name, payload)?;
+        Ok(Self::subscriber_on(&channel, row.buffer))
+    }
+
+    fn subscriber_on(channel: &Channel, buffer: usize) -> Subscriber {
         let queue = Rc::new(Queue {
-            buffer: row.buffer,
+            buffer,
             slots: RefCell::default(),
         });
         for last in channel.publishers.borrow().iter().filter_map(Weak::upgrade) {
@@ -82,7 +89,36 @@ impl LocalBus {
             }
         }
         channel.queues.borrow_mut().push(Rc::downgrade(&queue));
-        Ok(Subscriber(queue))
+        Subscriber(queue)
+    }
+
+    /// A publisher of samples as bytes: of whatever the topic carries already, or of `payload`.
+    pub(crate) fn raw_publisher(&self, name: &str, payload: PayloadType) -> Result<Publisher, OpenError> {
+        Ok(self.publisher_on(self.channel(name, payload)?, true))
+    }
+
+    /// A subscriber to samples as bytes that keeps `buffer` of each publisher.
+    pub(crate) fn raw_subscriber(
+        &self,
+        name: &str,
+        payload: PayloadType,
+        buffer: usize,
+    ) -> Result<Subscriber, OpenError> {
+        let channel = self.channel(name, payload)?;
+        Ok(Self::subscriber_on(&channel, buffer))
+    }
+
+    /// The topics that have come into being.
+    pub(crate) fn topics(&self) -> Vec<TopicUse> {
+        let topics = self.0.topics.borrow();
+        let used = |(name, channel): (&String, &Rc<Channel>)| TopicUse {
+            name: name.clone(),
+            payload: channel.payload,
+            is_read: is_any_alive(&channel.queues),
+            wakes: is_any_alive(&channel.flags),
+            is_published: is_any_alive(&channel.publishers),
+        };
+        topics.iter().map(used).collect()
     }
 
     pub(crate) fn wakeup(&self, name: &str, payload: PayloadType) -> Result<Rc<Cell<bool>>, OpenError> {
@@ -114,12 +150,42 @@ impl LocalBus {
     }
 }
 
+/// Who uses a topic.
+pub(crate) struct TopicUse {
+    pub(crate) name: String,
+    pub(crate) payload: PayloadType,
+    pub(crate) is_read: bool,
+    /// A new sample wakes somebody.
+    pub(crate) wakes: bool,
+    pub(crate) is_published: bool,
+}
+
+fn is_any_alive<T>(users: &RefCell<Vec<Weak<T>>>) -> bool {
+    users.borrow().iter().any(|user| user.strong_count() > 0)
+}
+
 /// A sample in the memory of this process.
 #[derive(Clone)]
 pub(crate) struct Slot {
     pub(crate) header: SampleHeader,
     /// The payload, in units of the largest alignment that a payload has.
     pub(crate) payload: Box<[u64]>,
+}
+
+impl Slot {
+    /// The first `size` bytes of the payload.
+    pub(crate) fn bytes(&self, size: usize) -> &[u8] {
+        let size = size.min(size_of_val::<[u64]>(&self.payload));
+        // SAFETY: the memory belongs to the slot, is initialised, and any byte is a valid u8.
+        unsafe { std::slice::from_raw_parts(self.payload.as_ptr().cast(), size) }
+    }
+
+    /// The whole payload, to be written to.
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        let size = size_of_val::<[u64]>(&self.payload);
+        // SAFETY: as for reading; any bytes are a valid [u64].
+        unsafe { std::slice::from_raw_parts_mut(self.payload.as_mut_ptr().cast(), size) }
+    }
 }
 
 /// The newest sample of a publisher, with the publisher's number.
@@ -184,6 +250,17 @@ impl Publisher {
         self.pool.push(slot);
     }
 
+    /// Sends a sample made of bytes. Returns whether they are as many as the topic's payload has.
+    pub(crate) fn send_bytes(&mut self, header: SampleHeader, payload: &[u8]) -> bool {
+        let is_whole = payload.len() == self.channel.payload.size;
+        let mut slot = self.loan();
+        if let Some(slot) = Rc::get_mut(&mut slot).filter(|_| is_whole) {
+            slot.bytes_mut()[..payload.len()].copy_from_slice(payload);
+        }
+        self.send(slot, is_whole.then_some(header));
+        is_whole
+    }
+
     fn deliver(&self, slot: &Rc<Slot>) {
         *self.last.borrow_mut() = Some((self.number, Rc::clone(slot)));
         self.channel.queues.borrow_mut().retain(|queue| {
@@ -209,6 +286,10 @@ impl Publisher {
 pub(crate) struct Subscriber(Rc<Queue>);
 
 impl Subscriber {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.slots.borrow().is_empty()
+    }
+
     pub(crate) fn receive(&mut self) -> Option<Rc<Slot>> {
         self.0.slots.borrow_mut().pop_front().map(|(_, slot)| slot)
     }

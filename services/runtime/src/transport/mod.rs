@@ -53,6 +53,25 @@ impl PayloadType {
             is_plausible: |payload| unsafe { &*payload.0.cast::<T>() }.is_plausible(),
         }
     }
+
+    /// A payload that this program knows by name and size only. The name is kept for as long as the program runs.
+    pub(crate) fn raw(name: &str, size: usize) -> Self {
+        Self {
+            name: Box::leak(name.to_owned().into_boxed_str()),
+            size,
+            align: align_of::<u64>(),
+            is_plausible: |_| true,
+        }
+    }
+}
+
+/// The user header in `bytes`: as many as it has, or zeros.
+pub(crate) fn header_of(bytes: &[u8]) -> SampleHeader {
+    if bytes.len() != size_of::<SampleHeader>() {
+        return SampleHeader::default();
+    }
+    // SAFETY: there are as many bytes as a header has, and `Layout` promises that every bit pattern is a valid one.
+    unsafe { bytes.as_ptr().cast::<SampleHeader>().read_unaligned() }
 }
 
 /// One topic's samples, as they are sent.

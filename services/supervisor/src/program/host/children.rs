@@ -79,13 +79,13 @@ impl Running {
     /// How it ended, if it has.
     fn reap(&mut self) -> Option<Exit> {
         match &mut self.child {
-            Some(child) => Some(exit_of(child.try_wait().ok()??)),
+            Some(child) => Some(Exit::of(child.try_wait().ok()??)),
             // A supervisor that was upgraded in place is still the parent of its processes.
             None => has_ended(&self.handle).then(|| {
                 let pid = i32::try_from(self.pid).ok().and_then(Pid::from_raw);
                 let status = waitpid(pid, WaitOptions::NOHANG).ok().flatten();
                 status.map_or(Exit::Unknown, |(_, status)| {
-                    exit_of(ExitStatus::from_raw(status.as_raw()))
+                    Exit::of(ExitStatus::from_raw(status.as_raw()))
                 })
             }),
         }
@@ -403,14 +403,6 @@ fn start(mut command: Command, log: &mut LogFile) -> io::Result<Running> {
 fn has_ended(handle: &OwnedFd) -> bool {
     let mut fds = [PollFd::from_borrowed_fd(handle.as_fd(), PollFlags::IN)];
     poll(&mut fds, Some(&Timespec::default())).is_ok_and(|ready| ready > 0)
-}
-
-fn exit_of(status: ExitStatus) -> Exit {
-    let small = |number: i32| u8::try_from(number).unwrap_or(u8::MAX);
-    match (status.code(), status.signal()) {
-        (Some(code), _) => Exit::Code(small(code)),
-        (None, signal) => Exit::Signal(small(signal.unwrap_or_default())),
-    }
 }
 
 /// What a state of the kernel means. Waiting for a disk counts as runnable: it is the machine that is slow, and no signal would end
