@@ -8,7 +8,7 @@ use super::leg::Leg;
 use super::parameters::{Parameter as P, Parameters};
 use super::position_control::{Motion, PositionControl};
 use super::takeoff::{Takeoff, TakeoffStep};
-use jink_emulated_autopilot::mission::{Mission, MissionFrame, Task, place_of};
+use jink_emulated_autopilot::mission::{Jumps, Mission, MissionFrame, Task, place_from};
 use jink_simulated_world::vehicle::estimator::Estimate;
 use nalgebra::{Vector2, Vector3};
 
@@ -82,6 +82,7 @@ pub enum State {
 pub struct Auto {
     /// `None` = the mission has not begun.
     current: Option<usize>,
+    jumps: Jumps,
     state: State,
     doing: Doing,
     paused: bool,
@@ -93,6 +94,7 @@ impl Default for Auto {
     fn default() -> Self {
         Self {
             current: None,
+            jumps: Jumps::default(),
             state: State::Stopped,
             doing: Doing::Begin,
             paused: false,
@@ -106,6 +108,9 @@ impl Auto {
     pub fn enter(&mut self, mission: &Mission, restarts: bool) {
         let known = self.current.filter(|current| *current < mission.len());
         let resumed = known.filter(|_| !restarts && self.state != State::Complete);
+        if resumed.is_none() {
+            self.jumps.reset();
+        }
         self.current = Some(resumed.unwrap_or(FIRST));
         self.state = State::Running;
         self.doing = Doing::Begin;
@@ -139,6 +144,7 @@ impl Auto {
 
     /// The items are other ones; which is current stays. Returns whether the one that is flown begins anew.
     pub fn take_change(&mut self) -> bool {
+        self.jumps.reset();
         let restarts = self.state == State::Running && matches!(self.doing, Doing::Fly { .. });
         if restarts {
             self.doing = Doing::Begin;
@@ -149,13 +155,19 @@ impl Auto {
     /// Motors stopped: the mission begins anew, at once with its first item if the mode is in force.
     pub fn rewind(&mut self, in_force: bool) {
         self.doing = Doing::Begin;
+        self.jumps.reset();
         self.current = in_force.then_some(FIRST);
         self.state = if in_force { State::Running } else { State::Stopped };
     }
 
     /// There are no items any more.
     pub fn forget(&mut self) {
-        *self = Self::default();
+        self.current = None;
+        self.state = State::Stopped;
+        self.doing = Doing::Begin;
+        self.paused = false;
+        self.finished = false;
+        self.jumps.reset();
     }
 
     /// Item being flown, or to be flown; 0 = the mission has not begun.
@@ -265,15 +277,16 @@ impl Auto {
     /// Begins the current item, passing over those that are done at once.
     fn begin(&mut self, input: &AutoInput<'_>, control: &mut PositionControl) {
         loop {
-            let current = self.current();
-            let Some(item) = input.mission.get(current) else {
+            let followed = self.jumps.follow(input.mission, self.current());
+            let Some((current, item)) = followed.and_then(|at| Some((at, input.mission.get(at)?))) else {
                 self.current = Some(input.mission.len().saturating_sub(1));
                 self.state = State::Complete;
                 self.finished = true;
                 self.doing = Doing::Rest;
                 return;
             };
-            let place = place_of(item, input.frame);
+            self.current = Some(current);
+            let place = place_from(item, input.frame, control.desired().position);
             let leg = |to: Vector3<f64>| Leg::new(control.desired(), to);
             self.doing = match input.mission.task(current) {
                 Some(Task::Takeoff) => {
@@ -306,7 +319,7 @@ impl Auto {
                     self.current = Some(current + 1);
                     continue;
                 }
-                None => {
+                Some(Task::Jump { .. }) | None => {
                     self.current = Some(current + 1);
                     continue;
                 }

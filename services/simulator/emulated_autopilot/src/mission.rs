@@ -30,8 +30,15 @@ pub enum Task {
     Land,
     /// Return to home and land.
     Return,
-    /// Another speed (m/s); negative = the default.
+    /// Another speed (m/s); not positive: PX4's default, and ArduCopter's as it is.
     Speed(f64),
+    /// Go on at an item, so many times.
+    Jump {
+        /// Number of the item.
+        to: f32,
+        /// How often; -1 for ever.
+        times: f32,
+    },
 }
 
 /// Whose items they are.
@@ -83,7 +90,17 @@ pub fn task_of(dialect: Dialect, item: &MISSION_ITEM_INT_DATA) -> Result<Task, M
         MavCmd::MAV_CMD_NAV_TAKEOFF => Task::Takeoff,
         MavCmd::MAV_CMD_NAV_LAND => Task::Land,
         MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Task::Return,
+        // ArduCopter: 0 and 1 are horizontal speeds, from 0.1 m/s on; PX4 takes every kind for one.
+        MavCmd::MAV_CMD_DO_CHANGE_SPEED
+            if copters && !((0.0..2.0).contains(&item.param1) && item.param2 >= 0.1) =>
+        {
+            Task::Speed(-1.0)
+        }
         MavCmd::MAV_CMD_DO_CHANGE_SPEED => Task::Speed(f64::from(item.param2)),
+        MavCmd::MAV_CMD_DO_JUMP => Task::Jump {
+            to: item.param1,
+            times: item.param2,
+        },
         _ => return Err(MavMissionResult::MAV_MISSION_UNSUPPORTED),
     };
     if task.has_place() && !is_placeable(item.frame) {
@@ -95,7 +112,7 @@ pub fn task_of(dialect: Dialect, item: &MISSION_ITEM_INT_DATA) -> Result<Task, M
 impl Task {
     /// Whether the item leads somewhere; the others are done as soon as they come up.
     pub fn has_place(&self) -> bool {
-        !matches!(self, Task::Return | Task::Speed(_))
+        !matches!(self, Task::Return | Task::Speed(_) | Task::Jump { .. })
     }
 }
 
@@ -110,6 +127,65 @@ fn is_placeable(frame: MavFrame) -> bool {
             | F::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
             | F::MAV_FRAME_LOCAL_NED
     )
+}
+
+/// Where ArduCopter flies to for `item` from `here`, local NED (m): a latitude and longitude of zero are those of `here`, and a height
+/// of zero, in its centimetres, is that of `here` (`loc_from_cmd`).
+pub fn place_from(item: &MISSION_ITEM_INT_DATA, frame: &MissionFrame, here: Vector3<f64>) -> Vector3<f64> {
+    let place = place_of(item, frame);
+    if item.frame == MavFrame::MAV_FRAME_LOCAL_NED {
+        return place;
+    }
+    let level = if (item.x, item.y) == (0, 0) { here } else { place };
+    let height = if (item.z * 100.0).trunc() == 0.0 {
+        here
+    } else {
+        place
+    };
+    Vector3::new(level.x, level.y, height.z)
+}
+
+/// How often the jumps of a mission were taken.
+#[derive(Clone, Debug)]
+pub struct Jumps {
+    taken: Vec<u16>,
+}
+
+impl Default for Jumps {
+    fn default() -> Self {
+        Self {
+            taken: vec![0; ITEMS_MAX],
+        }
+    }
+}
+
+impl Jumps {
+    /// None was taken.
+    pub fn reset(&mut self) {
+        self.taken.fill(0);
+    }
+
+    /// The first item from `from` on that is no jump, with all jumps before it taken; `None`: the mission ends, also at a jump to no
+    /// item, or in a circle.
+    pub fn follow(&mut self, mission: &Mission, from: usize) -> Option<usize> {
+        /// ArduPilot's.
+        const JUMPS_IN_A_ROW: usize = 64;
+        let first = f32::from(u8::from(mission.dialect == Dialect::ArduCopter));
+        let mut index = from;
+        for _ in 0..=JUMPS_IN_A_ROW {
+            let Task::Jump { to, times } = mission.task(index)? else {
+                return Some(index);
+            };
+            if !(first..mission.len() as f32).contains(&to) {
+                return None;
+            }
+            let taken = self.taken.get_mut(index)?;
+            let is_due = times == -1.0 || f32::from(*taken) < times;
+            *taken = taken.saturating_add(u16::from(is_due));
+            index = if is_due { to as usize } else { index + 1 };
+        }
+        None
+    }
 }
 
 /// Where `item` lies, local NED (m), in single precision.
@@ -201,11 +277,11 @@ impl Mission {
         self.items.get_mut(index)
     }
 
-    /// The first item at or after `from` that leads somewhere. A return ends the search: nothing comes after it.
+    /// The first item at or after `from` that leads somewhere. A return ends the search: nothing comes after it; so does a jump.
     pub fn next_place(&self, from: usize) -> Option<usize> {
         for index in from..self.len() {
             match self.task(index) {
-                Some(Task::Return) => return None,
+                Some(Task::Return | Task::Jump { .. }) => return None,
                 Some(task) if task.has_place() => return Some(index),
                 _ => {}
             }
@@ -299,6 +375,69 @@ mod tests {
             Err(MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME)
         );
         assert!(task_of(Dialect::ArduCopter, &unknown).is_ok());
+    }
+
+    fn numbers(command: MavCmd, param1: f32, param2: f32) -> MISSION_ITEM_INT_DATA {
+        MISSION_ITEM_INT_DATA {
+            param1,
+            param2,
+            ..item(command, MavFrame::MAV_FRAME_MISSION)
+        }
+    }
+
+    #[test]
+    fn jumps_are_followed_as_each_autopilot_follows_them() {
+        let waypoint = item(MavCmd::MAV_CMD_NAV_WAYPOINT, MavFrame::MAV_FRAME_GLOBAL_INT);
+        for (to, times, copter, px4) in [
+            (0.0, 1.0, None, Some(0)),
+            (-1.0, 1.0, None, None),
+            (4.0, 1.0, None, None),
+            (1.0, 0.0, Some(3), Some(3)),
+            (1.0, 1.0, Some(1), Some(1)),
+            (2.0, 5.0, Some(3), Some(3)),
+            (2.0, -1.0, None, None),
+        ] {
+            let jump = numbers(MavCmd::MAV_CMD_DO_JUMP, to, times);
+            let items = [waypoint.clone(), waypoint.clone(), jump, waypoint.clone()];
+            for (dialect, wanted) in [(Dialect::ArduCopter, copter), (Dialect::Px4, px4)] {
+                let mut mission = Mission::new(dialect);
+                mission.replace(&items);
+                assert_eq!(
+                    Jumps::default().follow(&mission, 2),
+                    wanted,
+                    "{dialect:?} to {to}, {times} times"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn zeros_are_here_to_arducopter() {
+        let here = Vector3::new(30.0, -7.0, -12.0);
+        let mut zeros = item(
+            MavCmd::MAV_CMD_NAV_WAYPOINT,
+            MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        );
+        assert_eq!(place_from(&zeros, &frame(), here), place_of(&zeros, &frame()));
+        zeros.z = 0.0;
+        assert_eq!(place_from(&zeros, &frame(), here).z, -12.0);
+        (zeros.x, zeros.y) = (0, 0);
+        assert_eq!(place_from(&zeros, &frame(), here), here);
+    }
+
+    #[test]
+    fn arducopter_passes_over_speeds_that_are_none() {
+        for (kind, mps, copter, px4) in [
+            (0.0, 2.0, 2.0, 2.0),
+            (1.0, 2.0, 2.0, 2.0),
+            (2.0, 2.0, -1.0, 2.0),
+            (1.0, -2.0, -1.0, -2.0),
+            (1.0, 0.05, -1.0, f64::from(0.05_f32)),
+        ] {
+            let speed = numbers(MavCmd::MAV_CMD_DO_CHANGE_SPEED, kind, mps);
+            assert_eq!(task_of(Dialect::ArduCopter, &speed), Ok(Task::Speed(copter)));
+            assert_eq!(task_of(Dialect::Px4, &speed), Ok(Task::Speed(px4)));
+        }
     }
 
     #[test]

@@ -14,7 +14,7 @@ use super::parameters::Parameter as P;
 use super::return_home::ReturnHome;
 use super::setpoint::{CurrentPoint, PointKind, Triplet};
 use input::NavigatorInput;
-use jink_emulated_autopilot::mission::single;
+use jink_emulated_autopilot::mission::{Jumps, single};
 use jink_shared_types::vehicle::NavMode;
 use nalgebra::Vector3;
 use work::{HeightPatience, Work};
@@ -58,6 +58,7 @@ pub struct Navigator {
     may_loiter_at_point: bool,
     takeoff_reached: bool,
     item: usize,
+    jumps: Jumps,
     /// The item that MISSION_CURRENT names.
     shown_item: usize,
     reposition: Option<CurrentPoint>,
@@ -82,6 +83,7 @@ impl Navigator {
             may_loiter_at_point: false,
             takeoff_reached: false,
             item: 0,
+            jumps: Jumps::default(),
             shown_item: 0,
             reposition: None,
             work: Work::Item,
@@ -128,6 +130,7 @@ impl Navigator {
     /// The mission is another one now.
     pub fn start_over(&mut self) {
         self.jump_to(0);
+        self.jumps.reset();
         self.show_item();
         self.says_finished = false;
         self.has_reached_items = false;
@@ -224,6 +227,7 @@ impl Navigator {
             NavMode::Mission => {
                 if self.finished {
                     self.item = 0;
+                    self.jumps.reset();
                     self.finished = false;
                 }
                 self.says_finished = false;

@@ -17,18 +17,21 @@ impl Navigator {
     pub(super) fn start_item(&mut self, input: &NavigatorInput, events: &mut NavigatorEvents) {
         self.stayed_s = 0.0;
         self.height = HeightPatience::default();
-        let first = self.item;
-        let found = (first..input.mission.len()).find(|index| match input.mission.task(*index) {
-            Some(Task::Speed(speed_mps)) => {
-                self.set_speed(speed_mps);
-                false
+        let mut found = self.jumps.follow(input.mission, self.item);
+        // Speeds in a circle of jumps lead nowhere.
+        for _ in 0..input.mission.len() {
+            match found.and_then(|index| input.mission.task(index)) {
+                Some(Task::Speed(speed_mps)) => {
+                    self.set_speed(speed_mps);
+                    found = found.and_then(|index| self.jumps.follow(input.mission, index + 1));
+                }
+                Some(Task::Return) => {
+                    events.wants_return = true;
+                    break;
+                }
+                _ => break,
             }
-            Some(Task::Return) => {
-                events.wants_return = true;
-                true
-            }
-            task => task.is_some(),
-        });
+        }
         let Some(index) = found else {
             self.finish(input, events);
             return;
