@@ -224,6 +224,27 @@ events! {
     OVERHANG_SEEN = 98, Warning, "jink: overhang seen, undeclared from now on", "Set OA_DCL_HANG_HI to 0 where something hangs from above.";
     /// A vehicle at rest moves out of the way of something that comes to it.
     GIVES_WAY = 99, Notice, "jink: something comes, giving way", "None.";
+    /// The mission of an autopilot on the ground was read, or another one; the number counts its items.
+    MISSION_READ = 110, Info, "jink: mission read, {0} items", "None.";
+    /// Nobody can guard the motion of an item of a mission that was read, or its jump leads nowhere: the vehicle will hold before it.
+    ITEM_WILL_HOLD = 111, Warning, "jink: item {0} {name}: will be held", "Change the item, or be ready to fly it by hand.";
+    /// The mission is flown by jink from this item on.
+    MISSION_TAKEN = 112, Info, "jink: flies the mission, item {0}", "None.";
+    /// The same after it was interrupted.
+    MISSION_RESUMED = 113, Info, "jink: goes on with the mission, item {0}", "None.";
+    /// The autopilot is asked to hold its mission, since nobody looks for obstacles yet.
+    MISSION_WAITS = 114, Warning, "jink: mission held until avoidance is ready", "Wait, or fly by hand.";
+    /// What is left of the mission is the autopilot's: a landing, or staying at its end.
+    ARRIVED = 115, Info, "jink: arrived at item {0}, given back", "Watch the landing.";
+    /// A go-to is at its end.
+    GO_TO_REACHED = 116, Info, "jink: go-to reached, holding", "None.";
+    /// The autopilot does not stay near the place at which a landing, or the end of the mission, was given back to it; the number
+    /// says how far beside it is (m).
+    STRAYED = 117, Error, "jink: strays {0} m, asking for Hold", "Land by hand, or choose the landing mode again.";
+    /// A jump of the mission leads to no item, or in a circle.
+    JUMP_NOWHERE = 118, Warning, "jink: item {0} jumps nowhere, holding", "Choose another item; correct the mission.";
+    /// A station has changed the speed by command (m/s).
+    SPEED_COMMANDED = 119, Info, "jink: {0} m/s by command", "None.";
 }
 
 /// The event with identity `id`.

@@ -10,6 +10,7 @@
 //! Source: MAVLink developer guide, "Mission Protocol", with its time-outs.
 
 use crate::note::Note;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;
 use mavlink::dialect::{
     MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA,
@@ -102,6 +103,8 @@ pub struct MissionClient {
     /// Number of items and identity of the mission, as MISSION_CURRENT reported them last; what it counts differs from
     /// make to make.
     reported: (Option<u16>, Option<u32>),
+    /// Item 0 is home, and moves by itself.
+    has_home: bool,
     note: Option<Note>,
 }
 
@@ -119,12 +122,18 @@ impl Default for MissionClient {
             begun: Timestamp::NEVER,
             read_at: Timestamp::NEVER,
             reported: (None, None),
+            has_home: false,
             note: None,
         }
     }
 }
 
 impl MissionClient {
+    /// Whose mission it is.
+    pub fn set_make(&mut self, make: AutopilotType) {
+        self.has_home = make == AutopilotType::ArduPilot;
+    }
+
     /// Reads the mission now and forgets what was known of it. A reading that is under way begins anew.
     pub fn begin(&mut self, now: Timestamp) {
         self.is_known = false;
@@ -261,8 +270,9 @@ impl MissionClient {
             self.phase = Phase::Reading(sequence);
         } else {
             self.phase = Phase::Acknowledging;
-            if self.version == 0 || !is_same(&self.items, &self.reading) {
-                std::mem::swap(&mut self.items, &mut self.reading);
+            // The last reading counts in any case: home may have moved in it.
+            std::mem::swap(&mut self.items, &mut self.reading);
+            if self.version == 0 || !is_same(&self.items, &self.reading, self.has_home) {
                 self.version = self.version.wrapping_add(1).max(1);
             }
             self.is_known = true;
@@ -322,13 +332,12 @@ impl MissionClient {
     }
 }
 
-/// Whether two readings are of the same mission; a number that is not given (NaN) equals itself. What ArduPilot reports
-/// as item 0 is home, and moves by itself.
-fn is_same(a: &[Item], b: &[Item]) -> bool {
+/// Whether two readings are of the same mission; a number that is not given (NaN) equals itself, and home may move.
+fn is_same(a: &[Item], b: &[Item], has_home: bool) -> bool {
     let bits = |item: &Item| (item.params.map(f32::to_bits), item.z_m.to_bits());
     let same = |(a, b): (&Item, &Item)| {
         let numbers = bits(a) == bits(b) && (a.x, a.y) == (b.x, b.y);
-        let is_home = a.sequence == 0 && a.frame == MavFrame::MAV_FRAME_GLOBAL;
+        let is_home = has_home && a.sequence == 0;
         a.command == b.command
             && (is_home || numbers)
             && (a.frame, a.autocontinue) == (b.frame, b.autocontinue)
@@ -347,6 +356,7 @@ fn is_about_a_new_mission(text: &STATUSTEXT_DATA) -> bool {
 mod tests {
     use super::{ITEMS_MAX, MissionClient, Phase, TRIES};
     use crate::note::Note;
+    use jink_mavlink_link::autopilot_type::AutopilotType;
     use jink_shared_types::Timestamp;
     use mavlink::dialect::{
         MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA, MavMessage,
@@ -466,6 +476,42 @@ mod tests {
             (true, now),
             "another of the same length"
         );
+    }
+
+    /// Reads a mission whose item 0 lies there.
+    fn read_with_item_0_at(client: &mut MissionClient, x: i32) {
+        client.refresh(Timestamp::from_seconds(100.0));
+        for tick in 0..50 {
+            let now = Timestamp::from_seconds(100.0 + f64::from(tick) * 0.01);
+            let answer = match client.request(now, (1, 1)) {
+                Some(MavMessage::MISSION_REQUEST_LIST(_)) => MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                    count: 2,
+                    ..MISSION_COUNT_DATA::default()
+                }),
+                Some(MavMessage::MISSION_REQUEST_INT(request)) => {
+                    MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
+                        seq: request.seq,
+                        x: if request.seq == 0 { x } else { 5 },
+                        ..MISSION_ITEM_INT_DATA::default()
+                    })
+                }
+                _ => continue,
+            };
+            client.take(now, &answer);
+        }
+    }
+
+    #[test]
+    fn home_that_has_moved_is_no_other_mission_and_counts_at_once_and_px4s_item_0_is_one() {
+        for (make, versions) in [(AutopilotType::ArduPilot, 1), (AutopilotType::Px4, 2)] {
+            let mut client = MissionClient::default();
+            client.set_make(make);
+            for x in [7, 9] {
+                read_with_item_0_at(&mut client, x);
+                assert_eq!(client.items().unwrap()[0].x, x, "{make:?}");
+            }
+            assert_eq!(client.version(), versions, "{make:?}");
+        }
     }
 
     #[test]

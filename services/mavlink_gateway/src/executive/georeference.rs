@@ -3,7 +3,7 @@
 //! | in | out |
 //! |---|---|
 //! | LOCAL_POSITION_NED, GLOBAL_POSITION_INT | origin of the local frame, height of home and of the sea in it |
-//! | a mission item | its place in the local frame |
+//! | a mission item | its place in the local frame, with what the autopilot puts in for zeros |
 //!
 //! Both messages come from one estimate, so one pair would do but for its rounding (1 cm) and for the time between the two. The
 //! median over a few pairs is taken, and kept until it has really moved. HOME_POSITION is not used: ArduPilot leaves its local
@@ -11,8 +11,9 @@
 
 use super::client::Item;
 use crate::vehicle::MAX_COORDINATE_M;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::geo::{GlobalPoint, Projection};
-use mavlink::dialect::{GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavFrame};
+use mavlink::dialect::{GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavFrame};
 use nalgebra::{Vector2, Vector3};
 
 /// Pairs in the median.
@@ -128,42 +129,59 @@ impl Georeference {
         self.reported.is_some()
     }
 
-    /// Where `item` lies in the local frame (m); `None` while the frame's place is not known, for a frame that needs the
-    /// terrain, and for an item that names no place.
-    pub fn place(&self, item: &Item) -> Option<Vector3<f64>> {
-        self.locate(item.frame, (item.x, item.y), item.z_m)
+    /// Where `item` leads in the local frame (m) from `from`; `None` while the frame's place is not known, for a frame that needs
+    /// the terrain, and for an item that names no place.
+    ///
+    /// ArduPilot takes a latitude and a longitude of zero for those, and a height of zero for that, from where the item is begun
+    /// (`ModeAuto::loc_from_cmd`), except the height of LOITER_TO_ALT (`do_loiter_to_alt`). It keeps heights in centimetres.
+    pub fn place(&self, make: AutopilotType, item: &Item, from: Vector3<f64>) -> Option<Vector3<f64>> {
+        if make == AutopilotType::Px4 || item.frame == MavFrame::MAV_FRAME_LOCAL_NED {
+            return self.locate(item.frame, (item.x, item.y), item.z_m);
+        }
+        let is_here = (item.x, item.y) == (0, 0);
+        let keeps_height =
+            (item.z_m * 100.0).trunc() == 0.0 && item.command != MavCmd::MAV_CMD_NAV_LOITER_TO_ALT;
+        let place = self.place_on_globe(item.frame, (item.x, item.y), item.z_m)?;
+        let level = if is_here { from.xy() } else { place.xy() };
+        let down_m = if keeps_height { from.z } else { place.z };
+        within_reach(Vector3::new(level.x, level.y, down_m))
     }
 
-    /// The same for a place in the numbers of a mission item.
-    #[allow(deprecated)] // Frames whose names say how a number is sent mean the same as those without.
+    /// The same for a place in the numbers of a mission item, where zeros are numbers like others.
     pub fn locate(&self, frame: MavFrame, (x, y): (i32, i32), z_m: f32) -> Option<Vector3<f64>> {
         const METRES_PER_UNIT: f64 = 1e-4;
-        let height_m = f64::from(z_m);
-        let is_local = frame == MavFrame::MAV_FRAME_LOCAL_NED;
-        let place = if is_local {
+        if frame == MavFrame::MAV_FRAME_LOCAL_NED {
             let level = Vector2::new(x, y).map(f64::from) * METRES_PER_UNIT;
-            Vector3::new(level.x, level.y, height_m)
-        } else {
-            let (fix, projection) = self.reported?;
-            let level = projection.to_local(GlobalPoint::from_e7(x, y));
-            let zero_down_m = match frame {
-                MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => {
-                    fix.home_down_m
-                }
-                MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT => fix.sea_down_m,
-                _ => return None,
-            };
-            Vector3::new(level.x, level.y, zero_down_m - height_m)
-        };
-        // Latitude and longitude zero mean "where the vehicle is".
-        let names_a_place = is_local || (x, y) != (0, 0);
-        (names_a_place && place.iter().all(|c| c.abs() <= MAX_COORDINATE_M)).then_some(place)
+            return within_reach(Vector3::new(level.x, level.y, f64::from(z_m)));
+        }
+        // Nobody means that place in the sea.
+        let place = self.place_on_globe(frame, (x, y), z_m)?;
+        ((x, y) != (0, 0)).then_some(place).and_then(within_reach)
     }
+
+    #[allow(deprecated)] // Frames whose names say how a number is sent mean the same as those without.
+    fn place_on_globe(&self, frame: MavFrame, (x, y): (i32, i32), z_m: f32) -> Option<Vector3<f64>> {
+        let (fix, projection) = self.reported?;
+        let level = projection.to_local(GlobalPoint::from_e7(x, y));
+        let zero_down_m = match frame {
+            MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => {
+                fix.home_down_m
+            }
+            MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT => fix.sea_down_m,
+            _ => return None,
+        };
+        Some(Vector3::new(level.x, level.y, zero_down_m - f64::from(z_m)))
+    }
+}
+
+/// A place that a vehicle can fly to.
+fn within_reach(place: Vector3<f64>) -> Option<Vector3<f64>> {
+    place.iter().all(|c| c.abs() <= MAX_COORDINATE_M).then_some(place)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Georeference, Item};
+    use super::{AutopilotType, Georeference, Item};
     use jink_shared_types::geo::{GlobalPoint, Projection};
     use mavlink::dialect::{GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavFrame};
     use nalgebra::{Vector2, Vector3};
@@ -224,10 +242,10 @@ mod tests {
             let origin = GlobalPoint { latitude_deg: latitude, longitude_deg: longitude };
             let georeference = flown(origin, home_down_m, Vector3::new(vx, vy, 0.1), 30);
             let at = Projection::new(origin).to_global(Vector2::new(north, east)).to_e7();
-            let relative = georeference.place(&item(MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, at, height_m)).unwrap();
+            let relative = georeference.place(AutopilotType::Px4, &item(MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, at, height_m), Vector3::zeros()).unwrap();
             let wanted = Vector3::new(north, east, home_down_m - f64::from(height_m));
             prop_assert!((relative - wanted).norm() < 0.1, "{relative} instead of {wanted}");
-            let above_sea = georeference.place(&item(MavFrame::MAV_FRAME_GLOBAL, at, 488.0 + height_m)).unwrap();
+            let above_sea = georeference.place(AutopilotType::Px4, &item(MavFrame::MAV_FRAME_GLOBAL, at, 488.0 + height_m), Vector3::zeros()).unwrap();
             prop_assert!((above_sea - Vector3::new(north, east, -f64::from(height_m))).norm() < 0.1);
         }
 
@@ -244,7 +262,7 @@ mod tests {
                 }
             }
             for frame in [MavFrame::MAV_FRAME_GLOBAL, MavFrame::MAV_FRAME_LOCAL_NED, MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT] {
-                let place = georeference.place(&item(frame, (x, y), z_m));
+                let place = georeference.place(AutopilotType::Px4, &item(frame, (x, y), z_m), Vector3::zeros());
                 prop_assert!(place.is_none_or(|place| place.iter().all(|c| c.is_finite())));
             }
         }
@@ -259,9 +277,14 @@ mod tests {
         let at = origin.to_e7();
         let frame = MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT;
         let mut few = flown(origin, 0.0, Vector3::zeros(), 2);
-        assert_eq!(few.place(&item(frame, at, 5.0)), None);
+        assert_eq!(
+            few.place(AutopilotType::Px4, &item(frame, at, 5.0), Vector3::zeros()),
+            None
+        );
         few = flown(origin, 0.0, Vector3::zeros(), 3);
-        let before = few.place(&item(frame, at, 5.0)).unwrap();
+        let before = few
+            .place(AutopilotType::Px4, &item(frame, at, 5.0), Vector3::zeros())
+            .unwrap();
         for i in 0..50u32 {
             few.take_global(&GLOBAL_POSITION_INT_DATA {
                 time_boot_ms: 5_400 + i,
@@ -272,7 +295,10 @@ mod tests {
                 ..GLOBAL_POSITION_INT_DATA::default()
             });
         }
-        assert_eq!(few.place(&item(frame, at, 5.0)), Some(before));
+        assert_eq!(
+            few.place(AutopilotType::Px4, &item(frame, at, 5.0), Vector3::zeros()),
+            Some(before)
+        );
     }
 
     #[test]
@@ -283,11 +309,32 @@ mod tests {
         };
         let known = flown(origin, 0.0, Vector3::zeros(), 9);
         let terrain = MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT;
-        assert_eq!(known.place(&item(terrain, origin.to_e7(), 5.0)), None);
+        assert_eq!(
+            known.place(
+                AutopilotType::Px4,
+                &item(terrain, origin.to_e7(), 5.0),
+                Vector3::zeros()
+            ),
+            None
+        );
         let relative = MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT;
-        assert_eq!(known.place(&item(relative, (0, 0), 5.0)), None);
-        assert_eq!(known.place(&item(relative, origin.to_e7(), f32::NAN)), None);
-        let local = known.place(&item(MavFrame::MAV_FRAME_LOCAL_NED, (120_000, -5_000), -3.0));
+        assert_eq!(
+            known.place(AutopilotType::Px4, &item(relative, (0, 0), 5.0), Vector3::zeros()),
+            None
+        );
+        assert_eq!(
+            known.place(
+                AutopilotType::Px4,
+                &item(relative, origin.to_e7(), f32::NAN),
+                Vector3::zeros()
+            ),
+            None
+        );
+        let local = known.place(
+            AutopilotType::Px4,
+            &item(MavFrame::MAV_FRAME_LOCAL_NED, (120_000, -5_000), -3.0),
+            Vector3::zeros(),
+        );
         assert_eq!(local, Some(Vector3::new(12.0, -0.5, -3.0)));
     }
 }

@@ -6,6 +6,8 @@
 //! | it is the same | the item is made current, then the mode of missions is asked for. PX4 shows the current item in that mode only, so a request that does not show is not waited for |
 //! | the autopilot flies its mission, from an earlier item (ArduPilot's MIS_RESTART, or a request that was lost) | the item is made current again |
 //! | that has no effect | hold, and the pilot is notified |
+//! | a landing that ends the mission | the landing mode is asked for instead, as for a return: it needs no item, and PX4 lands better in it |
+//! | the autopilot lands, or stays at the end of its mission, and moves away from the place or climbs | hold, and the pilot is notified: nobody looks for obstacles there |
 
 use super::client::Item;
 use super::items::navigates;
@@ -13,7 +15,7 @@ use super::{Executive, FlightGoal, Intent, Scene};
 use crate::demand::Demand;
 use crate::note::Note;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{NO_GOAL, NOT_GIVEN_BACK};
+use jink_shared_types::events::{ARRIVED, NO_GOAL, NOT_GIVEN_BACK, STRAYED};
 use jink_shared_types::vehicle::NavMode;
 use nalgebra::Vector3;
 
@@ -29,6 +31,51 @@ const VERIFIED_S: f64 = 3.0;
 const CORRECTIONS: u32 = 4;
 /// The end of a mission is where its last item is, within this (m).
 const END_M: f64 = 3.0;
+
+/// What was given back is flown near its place: farther than this beside or above it (m) it strays. A vehicle that lands drifts
+/// some decimetres in wind.
+const STRAY_M: f64 = 1.5;
+/// The same for a vehicle that moves away faster than this (m/s) ...
+const STRAY_MPS: f64 = 1.0;
+/// ... for so long (s): one wrong velocity is none.
+const STRAY_S: f64 = 0.2;
+
+/// Where the autopilot flies on its own what was given back.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlownAlone {
+    place: Vector3<f64>,
+    /// Where it began; `None` not yet.
+    began: Option<Vector3<f64>>,
+    /// Distance to the place at the last step (m).
+    beside_m: f64,
+    /// It has moved away fast since then.
+    fast_since: Option<Timestamp>,
+}
+
+impl FlownAlone {
+    fn at(place: Vector3<f64>) -> Self {
+        Self {
+            place,
+            began: None,
+            beside_m: f64::INFINITY,
+            fast_since: None,
+        }
+    }
+
+    /// How far beside its place it is (m), if it strays.
+    fn strays_m(&mut self, now: Timestamp, position: Vector3<f64>, level_mps: f64) -> Option<f64> {
+        let began = *self.began.get_or_insert(position);
+        let beside_m = (position - self.place).xy().norm();
+        let is_fast = level_mps > STRAY_MPS && beside_m > self.beside_m;
+        self.beside_m = beside_m;
+        let since = is_fast.then(|| self.fast_since.unwrap_or(now));
+        self.fast_since = since;
+        let is_beside = beside_m > (began - self.place).xy().norm() + STRAY_M;
+        let is_above = position.z < began.z.min(self.place.z) - STRAY_M;
+        let runs = since.is_some_and(|since| now.seconds_since(since) >= STRAY_S);
+        (is_beside || is_above || runs).then_some(beside_m)
+    }
+}
 
 /// A mission that was given back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,25 +114,34 @@ impl Executive {
         &mut self,
         scene: &Scene<'_>,
         items: &[Item],
-        place: &impl Fn(&Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Intent {
         let Some(last) = items.iter().rev().find(|item| navigates(item)) else {
             return self.clear();
         };
-        let is_there = match (place(last), scene.position) {
-            (Some(end), Some(position)) => (end - position).norm() <= END_M,
-            _ => true,
-        };
+        let end = scene
+            .position
+            .and_then(|position| place(last, position).or(Some(position)));
+        let is_there = end
+            .zip(scene.position)
+            .is_none_or(|(end, position)| (end - position).norm() <= END_M);
         if !is_there {
             self.flight_goal = FlightGoal::None;
             self.report(&NO_GOAL, "", 0.0);
             return Intent::default();
         }
-        self.leave(scene, last.sequence, Demand::Mission)
+        self.leave(scene, last.sequence, Demand::Mission, end)
     }
 
-    /// Comes to rest first: without a wish the committed trajectory ends, and then its end is held.
-    pub(super) fn leave(&mut self, scene: &Scene<'_>, sequence: u16, demand: Demand) -> Intent {
+    /// Comes to rest first: without a wish the committed trajectory ends, and then its end is held. What is left is flown near
+    /// `place`; `None`: anywhere.
+    pub(super) fn leave(
+        &mut self,
+        scene: &Scene<'_>,
+        sequence: u16,
+        demand: Demand,
+        place: Option<Vector3<f64>>,
+    ) -> Intent {
         if scene.speed_mps > REST_MPS {
             return Intent::default();
         }
@@ -110,10 +166,33 @@ impl Executive {
             }
             self.given_back = Some(GivenBack::at(sequence));
         }
+        self.flown_alone = place.map(FlownAlone::at);
+        if self.times_asked(demand) == 0 && place.is_some() {
+            self.report(&ARRIVED, "", f64::from(sequence));
+        }
         if self.times_asked(demand) >= super::TRIES {
             self.report(&NOT_GIVEN_BACK, "", f64::from(sequence));
         }
         Intent::asking(self.ask(scene.now, demand))
+    }
+
+    /// While the autopilot flies what was given back: it stays near its place, or is asked to hold.
+    pub(super) fn watch_given_back(&mut self, scene: &Scene<'_>) -> Option<Intent> {
+        let is_elsewhere = scene.mode == NavMode::Mission
+            && self
+                .given_back
+                .zip(scene.current)
+                .is_some_and(|(given, current)| given.sequence != current);
+        if is_elsewhere || !scene.armed || !scene.in_air {
+            return None;
+        }
+        let (flown_alone, position) = self.flown_alone.as_mut().zip(scene.position)?;
+        if !self.is_refused {
+            let strays_m = flown_alone.strays_m(scene.now, position, scene.level_mps)?;
+            self.report(&STRAYED, "", (strays_m * 10.0).round() / 10.0);
+            self.is_refused = true;
+        }
+        Some(Intent::asking(self.ask(scene.now, Demand::Hold)))
     }
 
     /// While the autopilot has just begun to fly the mission that was given back: an earlier item than the one that it was given

@@ -15,7 +15,7 @@ use super::{ENTERED_S, Executive, FlightGoal, Intent, Part, Scene};
 use crate::demand::Demand;
 use crate::vehicle::MAX_COORDINATE_M;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{GO_TO, MISSION_CLEARED, NO_GOAL, UNGUARDED};
+use jink_shared_types::events::{GO_TO, GO_TO_REACHED, MISSION_CLEARED, NO_GOAL, UNGUARDED};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialect::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
 use nalgebra::Vector3;
@@ -269,7 +269,7 @@ impl Executive {
             return Intent::default();
         }
         Intent {
-            path: Some(items::path(place, f32::NAN, None)),
+            path: Some(items::path(place, f32::NAN, None, self.commanded_mps)),
             ..Intent::asking(self.ask(scene.now, Demand::Follow))
         }
     }
@@ -278,7 +278,7 @@ impl Executive {
     pub(super) fn fly(
         &mut self,
         scene: &Scene<'_>,
-        place: &impl Fn(&super::client::Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&super::client::Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Intent {
         match self.flight_goal {
             FlightGoal::None => {
@@ -302,11 +302,14 @@ impl Executive {
             return Intent::default();
         };
         let is_there = (position - goal).norm() <= ARRIVED_M && scene.speed_mps <= REST_MPS;
+        if is_there {
+            self.report(&GO_TO_REACHED, "", 0.0);
+        }
         let demand = (is_there && self.returns_to_hold)
             .then(|| self.ask(scene.now, Demand::Hold))
             .flatten();
         Intent {
-            path: Some(items::path(goal, f32::NAN, None)),
+            path: Some(items::path(goal, f32::NAN, None, self.commanded_mps)),
             ..Intent::asking(demand)
         }
     }

@@ -5,14 +5,20 @@
 //! | WAYPOINT, LOITER_TO_ALT, SPLINE_WAYPOINT | to its place, along straight legs |
 //! | WAYPOINT with a hold time, LOITER_TIME, DELAY | the same, and waited at |
 //! | LOITER_UNLIM, and whatever does not continue by itself | the same, and stayed at |
-//! | LAND with a place | level to above its place; the rest is vertical, and the autopilot's |
+//! | LAND | level to above its place; the rest is vertical, and the autopilot's |
 //! | RETURN_TO_LAUNCH | level to above home, then the autopilot lands there |
 //! | TAKEOFF in the air | up to its height, and on PX4 to its place |
 //! | LOITER_TURNS, PAYLOAD_PLACE, a height above terrain, anything else that navigates | not: nobody could guard it |
-//! | DO_JUMP, DO_JUMP_TAG | taken as often as it says |
+//! | DO_JUMP, DO_JUMP_TAG | taken as often as it says; one whose target is no item, or that leads in a circle, ends the mission: held before it |
+//! | DO_CHANGE_SPEED | a limit from then on |
 //! | everything else | passed over |
+//!
+//! What a number means is the autopilot's to say. Sources: ArduPilot's `AP_Mission` (`get_next_cmd`, `get_index_of_jump_tag`),
+//! `ModeAuto::do_change_speed` and `AC_WPNav::set_speed_xy`; PX4's `MissionBase::getNonJumpItem` and its navigator's
+//! VEHICLE_CMD_DO_CHANGE_SPEED.
 
 use super::client::Item;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::vehicle::{DesiredPath, DesiredPoint, NavMode};
 use jink_shared_types::{Coded, Flag, Point};
 use mavlink::dialect::{MavCmd, MavFrame};
@@ -22,10 +28,12 @@ use nalgebra::Vector3;
 const RADIUS_M: f64 = 1.0;
 /// No radius is smaller than what a vehicle holds (m).
 const SMALLEST_RADIUS_M: f64 = 0.3;
-/// Speeds a mission may ask for (m/s).
+/// Speeds that a mission may ask for (m/s); beyond them the nearer end counts. ArduPilot passes over slower ones (`WPNAV_WP_SPEED_MIN`).
 const SPEEDS_MPS: std::ops::RangeInclusive<f32> = 0.1..=30.0;
-/// Different jumps whose repetitions are counted; one more is not taken.
-const JUMPS_MAX: usize = 16;
+/// Different jumps whose repetitions are counted; one more is not taken. ArduPilot counts as many on its larger boards.
+const JUMPS_MAX: usize = 100;
+/// Jumps from one place to the next; more of them are a circle. As many as ArduPilot follows.
+const JUMPS_IN_A_ROW: usize = 64;
 
 /// What an item asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,21 +55,28 @@ pub enum Task {
     TakeOff,
     /// A motion that cannot be guarded, in a word for the pilot.
     Unguarded(&'static str),
+    /// A jump that leads nowhere: here the autopilot's own mission ends.
+    Nowhere,
 }
 
 impl Task {
-    /// Of an item that navigates.
+    /// Of an item at which [`Course::follow`] has stopped.
     #[allow(deprecated)] // Frames whose names say how a number is sent mean the same as those without.
-    pub fn of(item: &Item) -> Self {
+    pub fn of(make: AutopilotType, item: &Item) -> Self {
         let is_above_terrain = matches!(
             item.frame,
             MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT | MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT_INT
         );
         let seconds = f64::from(item.params[0]).max(0.0);
-        let visit = |stay_s, is_spline| match (is_above_terrain, item.autocontinue) {
-            (true, _) => Self::Unguarded("above terrain"),
-            (false, true) => Self::Visit { stay_s, is_spline },
-            (false, false) => Self::Visit {
+        // PX4 flies to the place in the sea off Africa; to ArduPilot it means "here".
+        let is_far_away = make == AutopilotType::Px4
+            && (item.x, item.y) == (0, 0)
+            && item.frame != MavFrame::MAV_FRAME_LOCAL_NED;
+        let visit = |stay_s, is_spline| match item.autocontinue {
+            _ if is_above_terrain => Self::Unguarded("above terrain"),
+            _ if is_far_away => Self::Unguarded("without place"),
+            true => Self::Visit { stay_s, is_spline },
+            false => Self::Visit {
                 stay_s: f64::INFINITY,
                 is_spline,
             },
@@ -74,6 +89,9 @@ impl Task {
             // A time of day is the autopilot's to know.
             MavCmd::MAV_CMD_NAV_DELAY if item.params[0] >= 0.0 => Self::Wait(seconds),
             MavCmd::MAV_CMD_NAV_DELAY => Self::Unguarded("delay"),
+            MavCmd::MAV_CMD_NAV_LAND | MavCmd::MAV_CMD_NAV_VTOL_LAND if is_far_away => {
+                Self::Unguarded("without place")
+            }
             MavCmd::MAV_CMD_NAV_LAND | MavCmd::MAV_CMD_NAV_VTOL_LAND => Self::Land,
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Self::Return,
             MavCmd::MAV_CMD_NAV_TAKEOFF | MavCmd::MAV_CMD_NAV_VTOL_TAKEOFF => Self::TakeOff,
@@ -81,6 +99,7 @@ impl Task {
             MavCmd::MAV_CMD_NAV_ARC_WAYPOINT => Self::Unguarded("arc"),
             MavCmd::MAV_CMD_NAV_PAYLOAD_PLACE => Self::Unguarded("payload place"),
             MavCmd::MAV_CMD_NAV_GUIDED_ENABLE => Self::Unguarded("guided"),
+            MavCmd::MAV_CMD_DO_JUMP | MavCmd::MAV_CMD_DO_JUMP_TAG => Self::Nowhere,
             _ => Self::Unguarded("unknown kind"),
         }
     }
@@ -95,44 +114,78 @@ pub fn navigates(item: &Item) -> bool {
         )
 }
 
-/// How often each jump has been taken.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Jumps {
+/// What the items that were passed have left: how often each jump was taken, and the speed in force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Course {
     taken: [(u16, u16); JUMPS_MAX],
     count: usize,
+    /// Speed that is asked for (m/s); `None`: the vehicle's own.
+    pub speed_mps: Option<f32>,
 }
 
-impl Jumps {
-    /// The first item from `from` on that navigates, with all jumps before it taken; `None`: the mission ends.
-    pub fn follow(&mut self, items: &[Item], from: usize) -> Option<usize> {
-        let mut index = from;
-        // A circle of jumps without a place in it ends nowhere.
-        for _ in 0..=2 * items.len() {
+impl Default for Course {
+    fn default() -> Self {
+        Self {
+            taken: [(0, 0); JUMPS_MAX],
+            count: 0,
+            speed_mps: None,
+        }
+    }
+}
+
+impl Course {
+    /// As if the items before `start` had been passed in order, none of them a jump.
+    pub fn begun_at(make: AutopilotType, items: &[Item], start: usize) -> Self {
+        let mut course = Self::default();
+        for item in items.iter().take(start) {
+            course.pass(make, item);
+        }
+        course
+    }
+
+    /// The first item from `from` on that navigates, with all jumps before it taken, or the jump there that leads nowhere; `None`:
+    /// the mission ends.
+    pub fn follow(&mut self, make: AutopilotType, items: &[Item], from: usize) -> Option<usize> {
+        let before = *self;
+        let (mut index, mut jumps) = (from, 0);
+        loop {
             let item = items.get(index)?;
             if navigates(item) {
                 return Some(index);
             }
-            index = self.jump(items, index).unwrap_or(index + 1);
+            if !matches!(
+                item.command,
+                MavCmd::MAV_CMD_DO_JUMP | MavCmd::MAV_CMD_DO_JUMP_TAG
+            ) {
+                self.pass(make, item);
+                index += 1;
+                continue;
+            }
+            jumps += 1;
+            let Some(target) = target(make, items, item).filter(|_| jumps <= JUMPS_IN_A_ROW) else {
+                *self = before;
+                return Some(index);
+            };
+            index = if self.takes(make, index, item) {
+                target
+            } else {
+                index + 1
+            };
         }
-        None
     }
 
     /// The same without taking them: what will follow.
-    pub fn foresee(mut self, items: &[Item], from: usize) -> Option<usize> {
-        self.follow(items, from)
+    pub fn foresee(mut self, make: AutopilotType, items: &[Item], from: usize) -> Option<usize> {
+        self.follow(make, items, from)
     }
 
-    /// Where the item at `index` leads, if it is a jump that is to be taken now.
-    fn jump(&mut self, items: &[Item], index: usize) -> Option<usize> {
-        let item = &items[index];
-        let target = match item.command {
-            MavCmd::MAV_CMD_DO_JUMP => Some(item.params[0] as usize).filter(|to| *to < items.len()),
-            MavCmd::MAV_CMD_DO_JUMP_TAG => items.iter().position(|other| {
-                other.command == MavCmd::MAV_CMD_JUMP_TAG && other.params[0] == item.params[0]
-            }),
-            _ => None,
-        }?;
-        let times = item.params[1];
+    /// Whether the jump at `index` is to be taken now; then that is counted.
+    fn takes(&mut self, make: AutopilotType, index: usize, jump: &Item) -> bool {
+        let times = jump.params[1];
+        // PX4 stores a number without a sign.
+        if times == -1.0 || make == AutopilotType::Px4 && times < 0.0 {
+            return true;
+        }
         let known = self.taken[..self.count]
             .iter()
             .position(|(at, _)| usize::from(*at) == index);
@@ -143,13 +196,19 @@ impl Jumps {
                 self.count += 1;
                 self.count - 1
             }
-            None => return None,
+            None => return false,
         };
         let taken = &mut self.taken[slot].1;
-        // Negative: for ever.
-        let is_due = times < 0.0 || f32::from(*taken) < times;
-        *taken = taken.saturating_add(u16::from(is_due && times >= 0.0));
-        is_due.then_some(target)
+        let is_due = f32::from(*taken) < times.trunc();
+        *taken = taken.saturating_add(u16::from(is_due));
+        is_due
+    }
+
+    /// What an item that does not navigate leaves.
+    fn pass(&mut self, make: AutopilotType, item: &Item) {
+        if item.command == MavCmd::MAV_CMD_DO_CHANGE_SPEED {
+            self.speed_mps = speed_after(make, self.speed_mps, item.params[0], item.params[1]);
+        }
     }
 
     /// As pairs of an item and how often it was taken.
@@ -157,14 +216,75 @@ impl Jumps {
         &self.taken[..self.count]
     }
 
-    /// From those pairs; what does not fit is left out.
-    pub fn of_pairs(pairs: impl Iterator<Item = (u16, u16)>) -> Self {
-        let mut jumps = Self::default();
-        for (pair, slot) in pairs.zip(&mut jumps.taken) {
+    /// From those pairs and the speed; what does not fit is left out.
+    pub fn of_pairs(pairs: impl Iterator<Item = (u16, u16)>, speed_mps: Option<f32>) -> Self {
+        let mut course = Self {
+            speed_mps,
+            ..Self::default()
+        };
+        for (pair, slot) in pairs.zip(&mut course.taken) {
             *slot = pair;
-            jumps.count += 1;
+            course.count += 1;
         }
-        jumps
+        course
+    }
+}
+
+/// The speed in force (m/s) after a DO_CHANGE_SPEED of `kind` and `speed_mps`, in a mission or as a command; `None`: the vehicle's own.
+/// ArduPilot takes 0 and 1 for a horizontal speed and leaves everything as it is for what is none; PX4 takes every kind for the
+/// same, and its own speed for what is none.
+pub fn speed_after(make: AutopilotType, before: Option<f32>, kind: f32, speed_mps: f32) -> Option<f32> {
+    let speed = (speed_mps > 0.0).then_some(speed_mps.clamp(*SPEEDS_MPS.start(), *SPEEDS_MPS.end()));
+    let counts = (0.0..2.0).contains(&kind) && speed_mps >= *SPEEDS_MPS.start();
+    match make {
+        AutopilotType::Px4 => speed,
+        AutopilotType::ArduPilot => speed.filter(|_| counts).or(before),
+    }
+}
+
+/// The first item before which the vehicle will hold, and why in a word for the pilot.
+pub fn first_held(
+    make: AutopilotType,
+    items: &[Item],
+    lets_fly_unguarded: bool,
+) -> Option<(u16, &'static str)> {
+    let is_jump = |item: &Item| {
+        matches!(
+            item.command,
+            MavCmd::MAV_CMD_DO_JUMP | MavCmd::MAV_CMD_DO_JUMP_TAG
+        )
+    };
+    let stops = |item: &&Item| navigates(item) || is_jump(item) && target(make, items, item).is_none();
+    let mut held = items
+        .iter()
+        .skip(usize::from(first_item(make)))
+        .filter(stops)
+        .filter_map(|item| match Task::of(make, item) {
+            Task::Unguarded(name) if !lets_fly_unguarded => Some((item.sequence, name)),
+            Task::Nowhere => Some((item.sequence, "jumps nowhere")),
+            _ => None,
+        });
+    held.next()
+}
+
+/// The first item that is part of a mission: ArduPilot's item 0 is home.
+pub fn first_item(make: AutopilotType) -> u16 {
+    u16::from(make == AutopilotType::ArduPilot)
+}
+
+/// Where a jump leads; `None`: nowhere.
+fn target(make: AutopilotType, items: &[Item], jump: &Item) -> Option<usize> {
+    let first = usize::from(first_item(make));
+    match jump.command {
+        MavCmd::MAV_CMD_DO_JUMP => {
+            let number = jump.params[0];
+            (number >= 0.0)
+                .then_some(number as usize)
+                .filter(|to| (first..items.len()).contains(to))
+        }
+        _ => items
+            .iter()
+            .position(|other| other.command == MavCmd::MAV_CMD_JUMP_TAG && other.params[0] == jump.params[0]),
     }
 }
 
@@ -177,36 +297,21 @@ pub fn radius_m(item: &Item) -> f64 {
     }
 }
 
-/// The speed that the mission asks for at `index`: the last DO_CHANGE_SPEED of a ground speed before it (m/s); NaN none.
-fn speed_mps(items: &[Item], index: usize) -> f64 {
-    let changes = items[..index].iter().rev();
-    let mut speeds = changes
-        .filter(|item| item.command == MavCmd::MAV_CMD_DO_CHANGE_SPEED && item.params[0] == 1.0)
-        .map(|item| item.params[1]);
-    speeds
-        .find(|speed| SPEEDS_MPS.contains(speed))
-        .map_or(f64::NAN, f64::from)
-}
-
-/// The wish to be at `target`, and at `next` after it, on the way to the item at `index`.
-pub fn path_to_item(
-    items: &[Item],
-    index: usize,
-    target: Vector3<f64>,
-    next: Option<Vector3<f64>>,
-) -> DesiredPath {
-    let yaw_rad = match items[index].command {
-        MavCmd::MAV_CMD_NAV_WAYPOINT => items[index].params[3].to_radians(),
+/// The heading on the way to an item (rad); NaN: any.
+pub fn yaw_rad(item: &Item) -> f32 {
+    match item.command {
+        MavCmd::MAV_CMD_NAV_WAYPOINT => item.params[3].to_radians(),
         _ => f32::NAN,
-    };
-    DesiredPath {
-        mission_speed_mps: speed_mps(items, index),
-        ..path(target, yaw_rad, next)
     }
 }
 
-/// The wish to be at `target`, and at `next` after it.
-pub fn path(target: Vector3<f64>, yaw_rad: f32, next: Option<Vector3<f64>>) -> DesiredPath {
+/// The wish to be at `target`, and at `next` after it, no faster than `speed_mps`.
+pub fn path(
+    target: Vector3<f64>,
+    yaw_rad: f32,
+    next: Option<Vector3<f64>>,
+    speed_mps: Option<f32>,
+) -> DesiredPath {
     let point = |place: Vector3<f64>, yaw_rad: f32| DesiredPoint {
         position: Point::from_vector(place),
         yaw_rad,
@@ -220,6 +325,7 @@ pub fn path(target: Vector3<f64>, yaw_rad: f32, next: Option<Vector3<f64>>) -> D
             point(next.unwrap_or(target), f32::NAN),
         ],
         mode: Coded::new(NavMode::Offboard),
+        mission_speed_mps: speed_mps.map_or(f64::NAN, f64::from),
         ..DesiredPath::default()
     }
 }

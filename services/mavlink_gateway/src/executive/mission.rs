@@ -1,11 +1,15 @@
 //! The mission, flown in the autopilot's stead: taken over, item by item, or shown to an autopilot that flies it itself.
 
 use super::client::Item;
-use super::items::{Task, navigates, path_to_item, radius_m};
+use super::items::{Course, Task, first_item, navigates, path, radius_m, yaw_rad};
 use super::{Executive, FlightGoal, Intent, Part, Scene};
 use crate::demand::Demand;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{ITEM_HELD, ITEM_STRAIGHT, ITEM_UNGUARDED, NO_GOAL, UNGUARDED};
+use jink_shared_types::events::{
+    ITEM_HELD, ITEM_STRAIGHT, ITEM_UNGUARDED, JUMP_NOWHERE, MISSION_RESUMED, MISSION_TAKEN, MISSION_WAITS,
+    NO_GOAL, UNGUARDED,
+};
 use jink_shared_types::vehicle::NavMode;
 use nalgebra::Vector3;
 
@@ -48,6 +52,8 @@ enum Target {
     Climb,
     /// Nobody could guard it.
     Unguarded(&'static str),
+    /// The mission ends here without an end of its own.
+    Nowhere,
     /// It cannot be said yet.
     NotYet,
 }
@@ -66,7 +72,7 @@ impl Executive {
     pub(super) fn show(
         &mut self,
         scene: &Scene<'_>,
-        place: &impl Fn(&Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Intent {
         self.notice_unguarded(scene);
         let Some((items, index)) = self.to_be_flown(scene) else {
@@ -85,10 +91,13 @@ impl Executive {
     pub(super) fn prepare(
         &mut self,
         scene: &Scene<'_>,
-        place: &impl Fn(&Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Intent {
         self.notice_unguarded(scene);
-        if let Some(intent) = self.verify_given_back(scene) {
+        if let Some(intent) = self
+            .verify_given_back(scene)
+            .or_else(|| self.watch_given_back(scene))
+        {
             return intent;
         }
         let Some((items, index)) = self.to_be_flown(scene).filter(|_| self.attempts < ATTEMPTS) else {
@@ -98,7 +107,7 @@ impl Executive {
         let target = self.target(scene, items, index, place);
         match target {
             Target::Unguarded(name) => return self.hold_before(scene, &items[index], name),
-            Target::Climb | Target::Done => return Intent::default(),
+            Target::Climb | Target::Done | Target::Nowhere => return Intent::default(),
             Target::Above(above, _) if scene.mode == NavMode::Mission && is_above(scene, above) => {
                 return Intent::default();
             }
@@ -106,6 +115,7 @@ impl Executive {
         }
         if !scene.ready {
             self.preparing = None;
+            self.report(&MISSION_WAITS, "", 0.0);
             return self.halt(scene);
         }
         let since = *self.preparing.get_or_insert(scene.now);
@@ -150,14 +160,12 @@ impl Executive {
     /// Reports once that the autopilot flies the mission on its own for too long now, until it is in another mode.
     fn notice_unguarded(&mut self, scene: &Scene<'_>) {
         let item = scene.items.zip(scene.current).and_then(|(items, current)| {
-            let index = self
-                .jumps
-                .foresee(items, usize::from(current.max(scene.first_item)))?;
-            Some(&items[index])
+            self.current_item(scene, items, current)
+                .map(|index| &items[index])
         });
         // Not known which item: it may be one.
         let is_ours = item.is_none_or(|item| {
-            matches!(Task::of(item), Task::Visit { .. }) && !self.was_given_back(item.sequence)
+            matches!(Task::of(scene.make, item), Task::Visit { .. }) && !self.was_given_back(item.sequence)
         });
         let alone = match self.part {
             Part::TakesOver => !self.yielded,
@@ -186,11 +194,23 @@ impl Executive {
             && scene.in_air
             && scene.position.is_some();
         let (items, current) = scene.items.zip(scene.current).filter(|_| able)?;
-        let index = self
-            .jumps
-            .foresee(items, usize::from(current.max(scene.first_item)))?;
+        let index = self.current_item(scene, items, current)?;
         let afresh = !self.was_given_back(items[index].sequence);
         afresh.then_some((items, index))
+    }
+
+    /// Which one the autopilot flies while `current` counts as its current item.
+    fn current_item(&self, scene: &Scene<'_>, items: &[Item], current: u16) -> Option<usize> {
+        let from = usize::from(current.max(first_item(scene.make)));
+        self.course.foresee(scene.make, items, from)
+    }
+
+    /// What the items before `index` have left; of those that jink has not passed itself, what they say in order.
+    fn course_at(&self, scene: &Scene<'_>, items: &[Item], index: usize) -> Course {
+        if self.course == Course::default() {
+            return Course::begun_at(scene.make, items, index);
+        }
+        self.course
     }
 
     /// Where the item at `index` leads. Where its height does not count, the one at which it was begun does.
@@ -199,7 +219,7 @@ impl Executive {
         scene: &Scene<'_>,
         items: &[Item],
         index: usize,
-        place: &impl Fn(&Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Target {
         let Some(position) = scene.position else {
             return Target::NotYet;
@@ -207,15 +227,16 @@ impl Executive {
         let item = &items[index];
         let begun = match self.began_at {
             Some((at, begun)) if at == index => begun,
-            _ => position,
+            // Behind an item that was reached the next one begins at its place.
+            _ => self.arrived_at.take().unwrap_or(position),
         };
         self.began_at = Some((index, begun));
         let at_this_height = |place: Vector3<f64>| Vector3::new(place.x, place.y, begun.z);
-        let task = Task::of(item);
-        if !scene.is_located && !matches!(task, Task::Wait(_) | Task::Unguarded(_)) {
+        let task = Task::of(scene.make, item);
+        if !scene.is_located && !matches!(task, Task::Wait(_) | Task::Unguarded(_) | Task::Nowhere) {
             return Target::NotYet;
         }
-        match (task, place(item)) {
+        match (task, place(item, begun)) {
             (Task::Visit { stay_s, is_spline }, Some(place)) => {
                 if is_spline {
                     self.report(&ITEM_STRAIGHT, "", f64::from(item.sequence));
@@ -224,13 +245,19 @@ impl Executive {
             }
             (Task::Visit { .. }, None) => Target::Unguarded("without place"),
             (Task::Wait(seconds), _) => Target::Visit(begun, seconds),
-            // Without a place of its own it is here.
-            (Task::Land, place) => Target::Above(at_this_height(place.unwrap_or(begun)), Demand::Mission),
+            // The last one is flown in the autopilot's landing mode, as a return is. What comes behind one is the mission's, and so is
+            // PX4's precision landing.
+            (Task::Land, place) => {
+                let is_precise = scene.make == AutopilotType::Px4 && item.params[1] > 0.0;
+                let is_last = index + 1 == items.len() && !is_precise;
+                let demand = if is_last { Demand::Land } else { Demand::Mission };
+                Target::Above(at_this_height(place.unwrap_or(begun)), demand)
+            }
             (Task::Return, _) => match scene.home {
                 Some(home) => Target::Above(at_this_height(home), Demand::Land),
                 None => Target::Unguarded("return"),
             },
-            (Task::TakeOff, Some(place)) if scene.first_item == 0 => {
+            (Task::TakeOff, Some(place)) if scene.make == AutopilotType::Px4 => {
                 let beside_m = (place - position).xy().norm();
                 match (position.z - place.z > CLIMBED_M, beside_m > BESIDE_M) {
                     (true, _) if scene.mode == NavMode::Mission => Target::Climb,
@@ -246,6 +273,7 @@ impl Executive {
             (Task::TakeOff, _) if scene.mode == NavMode::Mission => Target::Climb,
             (Task::TakeOff, _) => Target::Done,
             (Task::Unguarded(name), _) => Target::Unguarded(name),
+            (Task::Nowhere, _) => Target::Nowhere,
         }
     }
 
@@ -256,17 +284,22 @@ impl Executive {
         items: &[Item],
         index: usize,
         target: Target,
-        place: &impl Fn(&Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Intent {
-        let next = self.jumps.foresee(items, index + 1).and_then(|next| {
-            let goes_on = matches!(Task::of(&items[next]), Task::Visit { .. });
-            let passes = matches!(target, Target::Visit(_, stay_s) if stay_s == 0.0);
-            place(&items[next]).filter(|_| goes_on && passes && scene.is_located)
-        });
+        let next = match target {
+            Target::Visit(target, 0.0) if scene.is_located => self
+                .course
+                .foresee(scene.make, items, index + 1)
+                .map(|next| &items[next])
+                .filter(|next| matches!(Task::of(scene.make, next), Task::Visit { .. }))
+                .and_then(|next| place(next, target)),
+            _ => None,
+        };
+        let course = self.course_at(scene, items, index);
         Intent {
             path: target
                 .place()
-                .map(|place| path_to_item(items, index, place, next)),
+                .map(|place| path(place, yaw_rad(&items[index]), next, course.speed_mps)),
             ..Intent::default()
         }
     }
@@ -275,12 +308,12 @@ impl Executive {
     pub(super) fn fly_mission(
         &mut self,
         scene: &Scene<'_>,
-        place: &impl Fn(&Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Intent {
         let (Some(items), Some(position), true) = (scene.items, scene.position, scene.in_air) else {
             return Intent::default();
         };
-        let first = usize::from(scene.first_item);
+        let first = usize::from(first_item(scene.make));
         if !items.iter().skip(first).any(navigates) {
             return self.clear();
         }
@@ -294,11 +327,15 @@ impl Executive {
                 return Intent::default();
             }
             (None, Some(current)) if current >= items.len() => return self.clear(),
-            (None, Some(current)) => current.max(first),
+            (None, Some(current)) => {
+                let start = current.max(first);
+                self.course = self.course_at(scene, items, start);
+                start
+            }
         };
         let mut begins = false;
         for _ in 0..PASSES {
-            let Some(index) = self.jumps.follow(items, start) else {
+            let Some(index) = self.course.follow(scene.make, items, start) else {
                 return self.finish(scene, items, place);
             };
             if self.index != Some(index) {
@@ -316,6 +353,7 @@ impl Executive {
             if is_flown {
                 start = index + 1;
                 self.go_on_at(Some(start));
+                self.arrived_at = target.place();
                 begins = true;
                 continue;
             }
@@ -349,19 +387,28 @@ impl Executive {
         items: &[Item],
         index: usize,
         target: Target,
-        place: &impl Fn(&Item) -> Option<Vector3<f64>>,
+        place: &impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
     ) -> Intent {
         let item = &items[index];
+        if !std::mem::replace(&mut self.is_told, true) {
+            let is_new = !std::mem::replace(&mut self.was_taken, true);
+            let event = if is_new { &MISSION_TAKEN } else { &MISSION_RESUMED };
+            self.report(event, "", f64::from(item.sequence));
+        }
         match target {
             Target::Above(above, demand) if is_above(scene, above) => {
-                return self.leave(scene, item.sequence, demand);
+                return self.leave(scene, item.sequence, demand, Some(above));
             }
             Target::Unguarded(name) if scene.lets_fly_unguarded => {
                 self.report(&ITEM_UNGUARDED, name, f64::from(item.sequence));
-                return self.leave(scene, item.sequence, Demand::Mission);
+                return self.leave(scene, item.sequence, Demand::Mission, None);
             }
             Target::Unguarded(name) => {
                 self.report(&ITEM_HELD, name, f64::from(item.sequence));
+                return Intent::default();
+            }
+            Target::Nowhere => {
+                self.report(&JUMP_NOWHERE, "", f64::from(item.sequence));
                 return Intent::default();
             }
             _ => {}

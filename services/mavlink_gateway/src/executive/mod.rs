@@ -8,7 +8,7 @@
 //! | begins an item that nobody could guard ([`items`]) | asks it to hold and notifies the pilot, unless OA_UNGUARDED lets it fly |
 //! | still flies its mission after a while | notifies the pilot |
 //! | follows setpoints, and its mission was taken over | wants the current item and the next one, counts them as reached, sends the autopilot which one is current |
-//! | the next item ends on the ground | comes to rest above its place, makes it current, gives the mission back for the descent (`give_back`) |
+//! | the next item ends on the ground | comes to rest above its place, asks for the landing mode, or gives the mission back where it goes on behind it; watches the descent (`give_back`) |
 //! | the last item is reached | comes to rest, gives the mission back: the autopilot finishes it |
 //! | is commanded to go to a place (`go_to`) | has the way there planned instead of the mission |
 //! | follows setpoints, and nobody asked for a flight | holds, and says what it waits for |
@@ -35,9 +35,10 @@ use crate::config::GatewayConfig;
 use crate::demand::Demand;
 use crate::note::Note;
 use client::Item;
-use give_back::GivenBack;
+use give_back::{FlownAlone, GivenBack};
 use go_to::GoTo;
-use items::Jumps;
+use items::Course;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::Event;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
@@ -92,6 +93,17 @@ pub enum FlightGoal {
     GoTo(Vector3<f64>),
 }
 
+/// A DO_CHANGE_SPEED as a command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedCommand {
+    /// Its kind, as the command says it.
+    pub kind: f32,
+    /// Its speed, likewise (m/s).
+    pub speed_mps: f32,
+    /// Counts them.
+    pub serial: u32,
+}
+
 /// What is known at one moment.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene<'a> {
@@ -119,14 +131,16 @@ pub struct Scene<'a> {
     pub read_at: Timestamp,
     /// The item that the autopilot counts as current; `None` not known.
     pub current: Option<u16>,
-    /// The first item that is part of the mission: ArduPilot's item 0 is home.
-    pub first_item: u16,
+    /// Whose mission it is.
+    pub make: AutopilotType,
     /// Home in the local frame (m); `None` not known.
     pub home: Option<Vector3<f64>>,
     /// Places of items can be converted to the local frame.
     pub is_located: bool,
     /// The place that a station has asked for last.
     pub go_to: Option<GoTo>,
+    /// The speed that a station has asked for last.
+    pub speed_command: Option<SpeedCommand>,
     /// Motions that nobody can guard may be flown by the autopilot (OA_UNGUARDED).
     pub lets_fly_unguarded: bool,
     /// The whole chain is ready.
@@ -179,9 +193,12 @@ pub struct Executive {
     returns_to_hold: bool,
     /// The item that is flown to.
     index: Option<usize>,
-    jumps: Jumps,
-    /// Where the vehicle was when it began to fly to the item.
+    /// What the items that were passed have left.
+    course: Course,
+    /// Where the way to the item begins: at the place of the one before, or where the vehicle was.
     began_at: Option<(usize, Vector3<f64>)>,
+    /// The place of an item that was reached, until the next one begins.
+    arrived_at: Option<Vector3<f64>>,
     /// It was reached then.
     reached: Option<Timestamp>,
     before: NavMode,
@@ -193,6 +210,14 @@ pub struct Executive {
     given_back: Option<GivenBack>,
     /// The autopilot flew it from another item, and did not let itself be put right.
     is_refused: bool,
+    /// Where what was given back is flown.
+    flown_alone: Option<FlownAlone>,
+    /// That the mission is flown was said since the mode was entered, and in this flight.
+    is_told: bool,
+    was_taken: bool,
+    /// The speed that was asked for by command (m/s), and how many were.
+    commanded_mps: Option<f32>,
+    speed_serial: u32,
     /// At rest since then to give the mission back.
     leaving: Option<Timestamp>,
     preparing: Option<Timestamp>,
@@ -224,8 +249,9 @@ impl Executive {
             flight_goal: FlightGoal::None,
             returns_to_hold: false,
             index: None,
-            jumps: Jumps::default(),
+            course: Course::default(),
             began_at: None,
+            arrived_at: None,
             reached: None,
             before: NavMode::Unknown,
             entered: Timestamp::NEVER,
@@ -233,6 +259,11 @@ impl Executive {
             yielded: false,
             given_back: None,
             is_refused: false,
+            flown_alone: None,
+            is_told: false,
+            was_taken: false,
+            commanded_mps: None,
+            speed_serial: 0,
             leaving: None,
             preparing: None,
             attempts: 0,
@@ -256,18 +287,24 @@ impl Executive {
         self.flight_goal
     }
 
-    /// One step. `place` gives where an item lies in the local frame (m); `None` if that cannot be said.
-    pub fn step(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
+    /// One step. `place` gives where an item leads in the local frame (m) from where it is begun; `None` if that cannot be said.
+    pub fn step(
+        &mut self,
+        scene: &Scene<'_>,
+        place: impl Fn(&Item, Vector3<f64>) -> Option<Vector3<f64>>,
+    ) -> Intent {
         self.is_reading = scene.is_reading;
         self.notice_arming(scene);
         self.notice_mode(scene);
         self.notice_mission(scene);
         self.notice_current(scene);
         self.notice_go_to(scene);
+        self.notice_speed(scene);
         let intent = match scene.mode {
             NavMode::Mission if self.part == Part::ShowsTheWay => self.show(scene, &place),
             NavMode::Offboard if self.part != Part::ShowsTheWay => self.fly(scene, &place),
             NavMode::Mission => self.prepare(scene, &place),
+            NavMode::Land => self.watch_given_back(scene).unwrap_or_default(),
             NavMode::Hold if self.halted => self.prepare(scene, &place),
             NavMode::Hold if self.is_going(scene) => self.prepare_go_to(scene),
             _ => Intent::default(),
@@ -293,6 +330,8 @@ impl Executive {
     fn go_on_at(&mut self, index: Option<usize>) {
         self.index = index;
         self.began_at = None;
+        // Passed items lie between two places; a choice begins where the vehicle is.
+        self.arrived_at = self.arrived_at.filter(|_| index.is_some());
         self.reached = None;
         self.leaving = None;
         self.reported = None;
@@ -337,5 +376,7 @@ impl Executive {
     }
 }
 
+#[cfg(test)]
+mod numbers;
 #[cfg(test)]
 mod tests;

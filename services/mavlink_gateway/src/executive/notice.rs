@@ -1,10 +1,13 @@
 //! What has changed since the last step: arming, mode, mission, current item; and whose wish it was.
 
-use super::items::Jumps;
-use super::{ENTERED_S, Executive, FlightGoal, Intent, Part, REQUESTED_MAX, Scene, items};
+use super::items::{self, Course, first_item};
+use super::{ENTERED_S, Executive, FlightGoal, Intent, Part, REQUESTED_MAX, Scene};
 use crate::demand::Demand;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{ITEM_CHOSEN, LEFT_ALONE, MISSION_CHANGED, MISSION_CLEARED, TAKEN_AGAIN};
+use jink_shared_types::events::{
+    ITEM_CHOSEN, ITEM_WILL_HOLD, LEFT_ALONE, MISSION_CHANGED, MISSION_CLEARED, MISSION_READ, SPEED_COMMANDED,
+    TAKEN_AGAIN,
+};
 use jink_shared_types::vehicle::NavMode;
 
 /// A requested item that has not shown after this long (s) will not: later it is somebody else's choice.
@@ -18,8 +21,27 @@ impl Executive {
         if std::mem::replace(&mut self.was_armed, scene.armed) && !scene.armed {
             self.flight_goal = FlightGoal::None;
             self.go_on_at(None);
-            self.jumps = Jumps::default();
+            self.course = Course::default();
             self.given_back = None;
+            self.was_taken = false;
+            self.commanded_mps = None;
+        }
+    }
+
+    /// A speed that a station asks for holds for the mission until its next change of speed, and for go-tos.
+    pub(super) fn notice_speed(&mut self, scene: &Scene<'_>) {
+        let Some(command) = scene
+            .speed_command
+            .filter(|command| command.serial != self.speed_serial)
+        else {
+            return;
+        };
+        self.speed_serial = command.serial;
+        let after = |before| items::speed_after(scene.make, before, command.kind, command.speed_mps);
+        self.commanded_mps = after(self.commanded_mps);
+        self.course.speed_mps = after(self.course.speed_mps);
+        if let Some(speed_mps) = self.commanded_mps {
+            self.report(&SPEED_COMMANDED, "", f64::from(speed_mps));
         }
     }
 
@@ -42,8 +64,11 @@ impl Executive {
         let is_ours = match scene.mode {
             NavMode::Offboard => asked == Some(Demand::Follow),
             NavMode::Mission => asked == Some(Demand::Mission),
+            NavMode::Land => asked == Some(Demand::Land),
             _ => false,
         };
+        self.flown_alone = self.flown_alone.filter(|_| is_ours);
+        self.is_told = false;
         match (before, scene.mode) {
             (_, NavMode::Offboard) => self.enter(is_ours),
             (_, NavMode::Mission) if is_ours => {
@@ -78,7 +103,7 @@ impl Executive {
     fn begin_mission(&mut self) {
         self.flight_goal = FlightGoal::Mission;
         self.given_back = None;
-        self.jumps = Jumps::default();
+        self.course = Course::default();
         self.go_on_at(None);
     }
 
@@ -93,21 +118,33 @@ impl Executive {
         self.report(if is_meant { &LEFT_ALONE } else { &TAKEN_AGAIN }, "", 0.0);
     }
 
-    /// Another mission than before.
+    /// Another mission than before. What will not be flown is told before the flight.
     pub(super) fn notice_mission(&mut self, scene: &Scene<'_>) {
         let before = std::mem::replace(&mut self.version, scene.version);
-        if before == scene.version || before == 0 {
+        if before == scene.version {
             return;
         }
-        self.jumps = Jumps::default();
+        let first = usize::from(first_item(scene.make));
+        let items = scene.items.unwrap_or_default();
+        let has_items = items.iter().skip(first).any(items::navigates);
+        if has_items && self.part != Part::None && (before != 0 || !scene.armed) {
+            if !scene.armed {
+                self.report(&MISSION_READ, "", (items.len() - first) as f64);
+            }
+            if let Some((item, name)) = items::first_held(scene.make, items, scene.lets_fly_unguarded) {
+                self.report(&ITEM_WILL_HOLD, name, f64::from(item));
+            }
+        }
+        if before == 0 {
+            return;
+        }
+        self.course = Course::default();
         self.go_on_at(None);
         self.given_back = None;
-        let first = usize::from(scene.first_item);
-        let has_items = scene
-            .items
-            .is_some_and(|items| items.iter().skip(first).any(items::navigates));
+        self.was_taken = false;
         if has_items && scene.mode == NavMode::Offboard && self.flight_goal == FlightGoal::Mission {
-            let current = scene.current.unwrap_or(0).max(scene.first_item);
+            let current = scene.current.unwrap_or(0).max(first_item(scene.make));
+            self.is_told = true;
             self.report(&MISSION_CHANGED, "", f64::from(current));
         }
     }
@@ -151,7 +188,8 @@ impl Executive {
         // It may be the current item of another mission.
         let flies = scene.mode == NavMode::Offboard && self.part != Part::ShowsTheWay;
         self.reads_again |= flies && self.flight_goal == FlightGoal::Mission;
-        let is_choice = scene.now.seconds_since(self.entered) > ENTERED_S && current >= scene.first_item;
+        let is_choice =
+            scene.now.seconds_since(self.entered) > ENTERED_S && current >= first_item(scene.make);
         if is_choice && scene.mode == NavMode::Offboard && self.flight_goal == FlightGoal::Mission {
             self.asked = None;
             self.report(&ITEM_CHOSEN, "", f64::from(current));

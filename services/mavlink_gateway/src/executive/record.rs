@@ -1,7 +1,7 @@
 //! What a gateway that is started again in flight needs to know of its predecessor: what is flown, and whether it is in the air.
 //! It is written whenever it changes, and read once.
 
-use super::items::Jumps;
+use super::items::Course;
 use super::{Executive, FlightGoal};
 use crate::assist::record::{self as assist, AssistRecord, BYTES as ASSIST_BYTES};
 use crate::landed_state::LandedState;
@@ -13,9 +13,11 @@ use nalgebra::Vector3;
 /// A record that is older than this (s) belongs to another flight: it is written every second at least.
 const VALID_S: f64 = 5.0;
 /// First byte: the layout.
-const LAYOUT: u8 = 2;
+const LAYOUT: u8 = 3;
 /// Bytes in front of the jumps.
-const HEAD: usize = ASSIST_AT + ASSIST_BYTES + 1;
+const HEAD: usize = SPEED_AT + 4 + 1;
+/// Where the speed in force begins; not a number: none.
+const SPEED_AT: usize = ASSIST_AT + ASSIST_BYTES;
 /// Where that of an assisted pilot begins.
 const ASSIST_AT: usize = 1 + 8 + 1 + 1 + 1 + 1 + 24 + 2;
 /// Flag in the flight_goal's byte: armed.
@@ -38,8 +40,8 @@ pub struct Record {
     pub returns_to_hold: bool,
     /// The item that is flown to.
     pub index: Option<u16>,
-    /// How often jumps were taken.
-    pub jumps: Jumps,
+    /// What the items that were passed have left.
+    pub course: Course,
     /// A pilot who is assisted.
     pub assist: Option<AssistRecord>,
 }
@@ -66,7 +68,7 @@ impl Record {
             FlightGoal::Mission => (1, Vector3::zeros()),
             FlightGoal::GoTo(place) => (2, place),
         };
-        let pairs = self.jumps.pairs();
+        let pairs = self.course.pairs();
         let mut bytes = vec![LAYOUT];
         bytes.extend(self.written.ns.to_le_bytes());
         let flight_goal = flight_goal | if self.armed { ARMED } else { 0 };
@@ -81,6 +83,7 @@ impl Record {
         }
         bytes.extend(self.index.map_or(u16::MAX, |index| index).to_le_bytes());
         bytes.extend(assist::to_bytes(self.assist.as_ref()));
+        bytes.extend(self.course.speed_mps.unwrap_or(f32::NAN).to_le_bytes());
         bytes.push(pairs.len() as u8);
         for (at, taken) in pairs {
             bytes.extend(at.to_le_bytes());
@@ -116,13 +119,17 @@ impl Record {
             },
             returns_to_hold: head[12] != 0,
             index: (index != u16::MAX).then_some(index),
-            assist: assist::of_bytes(head[ASSIST_AT..HEAD - 1].try_into().ok()?),
-            jumps: Jumps::of_pairs(pairs.chunks_exact(4).map(|pair| {
-                (
-                    u16::from_le_bytes([pair[0], pair[1]]),
-                    u16::from_le_bytes([pair[2], pair[3]]),
-                )
-            })),
+            assist: assist::of_bytes(head[ASSIST_AT..SPEED_AT].try_into().ok()?),
+            course: Course::of_pairs(
+                pairs.chunks_exact(4).map(|pair| {
+                    (
+                        u16::from_le_bytes([pair[0], pair[1]]),
+                        u16::from_le_bytes([pair[2], pair[3]]),
+                    )
+                }),
+                Some(f32::from_le_bytes(head[SPEED_AT..HEAD - 1].try_into().ok()?))
+                    .filter(|speed| speed.is_finite()),
+            ),
         })
     }
 }
@@ -138,7 +145,7 @@ impl Executive {
             flight_goal: self.flight_goal,
             returns_to_hold: self.returns_to_hold,
             index: self.index.and_then(|index| u16::try_from(index).ok()),
-            jumps: self.jumps,
+            course: self.course,
             assist: None,
         }
     }
@@ -149,7 +156,7 @@ impl Executive {
         self.flight_goal = record.flight_goal;
         self.returns_to_hold = record.returns_to_hold;
         self.index = record.index.map(usize::from);
-        self.jumps = record.jumps;
+        self.course = record.course;
         self.was_armed = record.armed;
     }
 }

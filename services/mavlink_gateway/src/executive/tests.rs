@@ -1,9 +1,10 @@
 use super::client::Item;
 use super::go_to::GoTo;
 use super::record::Record;
-use super::{Executive, FlightGoal, Intent, Part, Scene};
+use super::{Executive, FlightGoal, Intent, Part, Scene, SpeedCommand};
 use crate::demand::Demand;
 use crate::landed_state::LandedState;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
@@ -36,7 +37,14 @@ fn mission() -> Vec<Item> {
     ]
 }
 
-fn place(item: &Item) -> Option<Vector3<f64>> {
+/// The same, and a take-off behind the landing.
+fn mission_with_more_behind_its_landing() -> Vec<Item> {
+    let mut items = mission();
+    items.push(item(5, MavCmd::MAV_CMD_NAV_TAKEOFF, 40));
+    items
+}
+
+fn place(item: &Item, _: Vector3<f64>) -> Option<Vector3<f64>> {
     Some(Vector3::new(f64::from(item.x), 0.0, f64::from(item.z_m)))
 }
 
@@ -85,10 +93,11 @@ fn scene(items: &[Item]) -> Scene<'_> {
         version: 1,
         read_at: Timestamp::from_seconds(1e6),
         current: Some(1),
-        first_item: 0,
+        make: AutopilotType::Px4,
         home: Some(Vector3::zeros()),
         is_located: true,
         go_to: None,
+        speed_command: None,
         lets_fly_unguarded: false,
         ready: true,
         on_plan: true,
@@ -187,9 +196,14 @@ fn a_mission_that_cannot_be_taken_over_in_motion_is_taken_over_from_rest() {
     assert!(intent.path.is_some() && intent.demand.is_none(), "{intent:?}");
     (seen.speed_mps, seen.level_mps) = (0.5, 0.5);
     assert_eq!(executive.step(&seen, place).demand, Some(Demand::Follow));
-    // While it is not ready, it waits there.
+    // While it is not ready, it waits there, and says so.
     seen.ready = false;
-    assert_eq!(executive.step(&seen, place), Intent::default());
+    let intent = executive.step(&seen, place);
+    assert_eq!(
+        intent.update.map(|update| update.event),
+        Some(&events::MISSION_WAITS)
+    );
+    assert_eq!((intent.path, intent.demand), (None, None));
     seen.ready = true;
     // Somebody else's Hold is his.
     let mut executive = Executive::new(Part::TakesOver);
@@ -227,7 +241,7 @@ fn a_mission_that_is_flown_while_jink_is_not_ready_is_reported_once() {
 
 #[test]
 fn waypoint_by_waypoint_to_the_landing_which_is_the_autopilots() {
-    let items = mission();
+    let items = mission_with_more_behind_its_landing();
     let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     executive.step(&seen, place);
@@ -425,7 +439,7 @@ fn nothing_that_nobody_asked_for_is_flown() {
     assert_eq!(executive.step(&seen, place).path, None);
     // Where missions are flown when the mode is chosen, home is none.
     let mut executive = Executive::new(Part::WhenChosen);
-    seen.first_item = 1;
+    seen.make = AutopilotType::ArduPilot;
     for (current, goal) in [(0, None), (1, Some(20.0))] {
         seen.mode = NavMode::Position;
         executive.step(&seen, place);
@@ -507,7 +521,7 @@ fn a_landing_elsewhere_is_flown_to_at_this_height_and_given_back_above() {
     seen.position = at(90.1);
     seen.current = Some(4);
     let (asked, _) = go_on(&mut executive, &mut seen, 0.2);
-    assert_eq!(asked, [Demand::Mission]);
+    assert_eq!(asked, [Demand::Land]);
     // An autopilot that is on its way there is taken over, too.
     let mut executive = Executive::new(Part::TakesOver);
     seen.mode = NavMode::Mission;
@@ -551,7 +565,7 @@ fn what_nobody_could_guard_is_held_and_reported_unless_it_is_allowed() {
 
 #[test]
 fn an_autopilot_that_starts_its_mission_anew_is_put_right_and_never_flies_a_second_lap() {
-    let items = mission();
+    let items = mission_with_more_behind_its_landing();
     let (mut executive, mut seen) = taken_over(&items);
     seen.position = at(40.0);
     seen.current = Some(3);
@@ -580,7 +594,7 @@ fn an_autopilot_that_starts_its_mission_anew_is_put_right_and_never_flies_a_seco
 
 #[test]
 fn an_item_that_is_not_shown_outside_of_the_mission_does_not_keep_it_from_being_given_back() {
-    let items = mission();
+    let items = mission_with_more_behind_its_landing();
     let (mut executive, mut seen) = taken_over(&items);
     seen.position = at(40.0);
     executive.step(&seen, place);
@@ -672,4 +686,169 @@ fn where_the_autopilot_flies_itself_it_is_shown_the_way_and_asked_for_nothing() 
     seen.mode = NavMode::Offboard;
     seen.current = Some(1);
     assert_eq!(executive.step(&seen, place), Intent::default());
+}
+
+/// Above the landing that ends its mission, with the landing mode asked for, and in it.
+fn landing(items: &[Item]) -> (Executive, Scene<'_>) {
+    let (mut executive, mut seen) = taken_over(items);
+    seen.current = Some(4);
+    seen.position = at(40.1);
+    seen.speed_mps = 0.0;
+    seen.level_mps = 0.0;
+    let (asked, reported) = go_on(&mut executive, &mut seen, 0.3);
+    assert_eq!(asked, [Demand::Land]);
+    assert_eq!(reported, [&events::MISSION_TAKEN, &events::ARRIVED]);
+    seen.mode = NavMode::Land;
+    (executive, seen)
+}
+
+/// Runs away with this acceleration for so long; what was asked for, what was told, and how far it has come (m).
+fn run_away(
+    executive: &mut Executive,
+    seen: &mut Scene<'_>,
+    mps2: f64,
+) -> (Vec<Demand>, Vec<&'static Event>, f64) {
+    let begun_m = seen.position.unwrap().x;
+    for tick in 1..200 {
+        seen.level_mps = mps2 * f64::from(tick) * 0.02;
+        seen.position = Some(seen.position.unwrap() - Vector3::new(seen.level_mps * 0.02, 0.0, -0.02));
+        let (asked, reported) = go_on(executive, seen, 0.02);
+        if !asked.is_empty() {
+            return (asked, reported, begun_m - seen.position.unwrap().x);
+        }
+    }
+    (vec![], vec![], f64::INFINITY)
+}
+
+#[test]
+fn a_landing_that_runs_away_is_held_and_told_within_a_metre() {
+    let items = mission();
+    let (executive, seen) = landing(&items);
+    for mps2 in [3.0, 5.0] {
+        let (mut executive, mut seen) = (executive.clone(), seen);
+        let (asked, reported, away_m) = run_away(&mut executive, &mut seen, mps2);
+        assert_eq!((asked, reported), (vec![Demand::Hold], vec![&events::STRAYED]));
+        assert!(away_m < 1.0, "{away_m} m");
+        // Who holds is left alone.
+        seen.mode = NavMode::Hold;
+        let (asked, _) = go_on(&mut executive, &mut seen, 5.0);
+        assert!(asked.is_empty(), "{asked:?}");
+        // Whoever chooses the landing mode himself lands where he wants.
+        seen.mode = NavMode::Land;
+        assert_eq!(run_away(&mut executive, &mut seen, mps2).0, []);
+    }
+    // Slowly it strays by its distance.
+    let (mut executive, mut seen) = (executive, seen);
+    seen.level_mps = 0.5;
+    for _ in 0..200 {
+        seen.position = Some(seen.position.unwrap() - Vector3::new(0.01, 0.0, -0.01));
+        let (asked, _) = go_on(&mut executive, &mut seen, 0.02);
+        let away_m = (seen.position.unwrap().x - 40.0).abs();
+        assert!(away_m < 1.7 && (asked.is_empty() || away_m > 1.5), "{away_m} m");
+        if !asked.is_empty() {
+            return;
+        }
+    }
+    panic!("never noticed");
+}
+
+#[test]
+fn a_landing_in_gusts_is_left_alone_and_so_is_one_on_the_ground() {
+    let items = mission();
+    let (mut executive, mut seen) = landing(&items);
+    for tick in 0..400 {
+        let phase = f64::from(tick) * 0.05;
+        seen.position = Some(Vector3::new(
+            40.0 + 0.6 * phase.sin(),
+            0.0,
+            -5.0 + f64::from(tick) * 0.01,
+        ));
+        seen.level_mps = (1.5 * phase.cos()).abs();
+        seen.level_mps = if tick % 40 == 0 {
+            3.0
+        } else {
+            seen.level_mps.min(0.9)
+        };
+        let (asked, reported) = go_on(&mut executive, &mut seen, 0.02);
+        assert!(asked.is_empty() && reported.is_empty(), "{asked:?} {reported:?}");
+    }
+    seen.in_air = false;
+    assert_eq!(run_away(&mut executive, &mut seen, 3.0).0, []);
+}
+
+#[test]
+fn a_mission_that_goes_on_behind_its_landing_is_watched_while_it_lands_only() {
+    let items = mission_with_more_behind_its_landing();
+    let (mut executive, mut seen) = taken_over(&items);
+    seen.current = Some(4);
+    seen.position = at(40.0);
+    (seen.speed_mps, seen.level_mps) = (0.0, 0.0);
+    let (asked, _) = go_on(&mut executive, &mut seen, 0.3);
+    assert_eq!(asked, [Demand::Mission]);
+    seen.mode = NavMode::Mission;
+    let mut next = executive.clone();
+    let (asked, reported, _) = run_away(&mut executive, &mut seen, 3.0);
+    assert_eq!((asked, reported), (vec![Demand::Hold], vec![&events::STRAYED]));
+    // The item behind it is another matter.
+    seen.position = at(40.0);
+    seen.current = Some(5);
+    let (_, reported, _) = run_away(&mut next, &mut seen, 3.0);
+    assert!(!reported.contains(&&events::STRAYED));
+}
+
+#[test]
+fn a_speed_by_command_holds_until_the_mission_says_another() {
+    let items = mission();
+    let (mut executive, mut seen) = taken_over(&items);
+    seen.make = AutopilotType::ArduPilot;
+    go_on(&mut executive, &mut seen, 0.1);
+    seen.speed_command = Some(SpeedCommand {
+        kind: 1.0,
+        speed_mps: 1.0,
+        serial: 1,
+    });
+    let (_, reported) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!(reported, [&events::SPEED_COMMANDED]);
+    let asked_mps = |executive: &mut Executive, seen: &Scene<'_>| {
+        executive.step(seen, place).path.unwrap().mission_speed_mps
+    };
+    assert_eq!(asked_mps(&mut executive, &seen), 1.0);
+    seen.position = at(20.0);
+    assert_eq!(
+        asked_mps(&mut executive, &seen),
+        2.5,
+        "the mission's own is the later one"
+    );
+    seen.go_to = Some(GoTo {
+        place: Vector3::new(7.0, 1.0, -4.0),
+        serial: 1,
+    });
+    assert_eq!(asked_mps(&mut executive, &seen), 1.0, "no mission's");
+}
+
+#[test]
+fn what_becomes_of_a_mission_is_told_once_each() {
+    let items = mission();
+    let mut executive = Executive::new(Part::TakesOver);
+    let mut held = mission();
+    held[3].command = MavCmd::MAV_CMD_NAV_LOITER_TURNS;
+    let mut seen = scene(&held);
+    (seen.armed, seen.in_air, seen.mode) = (false, false, NavMode::Position);
+    let (_, reported) = go_on(&mut executive, &mut seen, 1.0);
+    assert_eq!(reported, [&events::MISSION_READ, &events::ITEM_WILL_HOLD]);
+    (seen.items, seen.version) = (Some(&items[..]), 2);
+    let (_, reported) = go_on(&mut executive, &mut seen, 1.0);
+    assert_eq!(reported, [&events::MISSION_READ]);
+    (seen.armed, seen.in_air) = (true, true);
+    for (index, told) in [&events::MISSION_TAKEN, &events::MISSION_RESUMED]
+        .into_iter()
+        .enumerate()
+    {
+        seen.mode = NavMode::Mission;
+        go_on(&mut executive, &mut seen, 20.0 * index as f64);
+        let mut reported = go_on(&mut executive, &mut seen, 0.1).1;
+        seen.mode = NavMode::Offboard;
+        reported.extend(go_on(&mut executive, &mut seen, 3.0).1);
+        assert_eq!(reported, [told]);
+    }
 }

@@ -7,7 +7,7 @@ use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;
 use crate::executive::go_to::GoToWatch;
 use crate::executive::record::Record;
-use crate::executive::{Executive, FlightGoal, Intent, Part, PilotText, Scene};
+use crate::executive::{Executive, FlightGoal, Intent, Part, PilotText, Scene, SpeedCommand};
 use crate::io::Outputs;
 use crate::note::Note;
 use crate::profile::pilot::Nearness;
@@ -46,6 +46,8 @@ pub(super) struct MissionFlight {
     go_to: GoToWatch,
     /// Latitude and longitude of home (1e-7 deg), where the autopilot reports them.
     home: Option<(i32, i32)>,
+    /// The speed that a station has asked for last.
+    speed_command: Option<SpeedCommand>,
     /// The last wish, and when it is due again.
     wish: Option<DesiredPath>,
     /// A gateway that was started in flight reads the mission first, at the latest until then.
@@ -66,6 +68,7 @@ impl MissionFlight {
             georeference: Georeference::default(),
             go_to: GoToWatch::default(),
             home: None,
+            speed_command: None,
             wish: None,
             reads_until: Timestamp::NEVER,
             repeat: Ticker::new(WISH_RATE_HZ),
@@ -94,7 +97,13 @@ impl MissionFlight {
             MavMessage::GLOBAL_POSITION_INT(position) => self.georeference.take_global(position),
             MavMessage::HEARTBEAT(_) => self.go_to.receive_mode(now),
             MavMessage::CURRENT_MODE(_) => self.go_to.receive_current_mode(now),
-            MavMessage::HOME_POSITION(home) => self.home = Some((home.latitude, home.longitude)),
+            MavMessage::HOME_POSITION(home) => {
+                let home = Some((home.latitude, home.longitude));
+                // ArduPilot's item 0 has moved with it.
+                if std::mem::replace(&mut self.home, home) != home && self.client.version() != 0 {
+                    self.client.read_again(now);
+                }
+            }
             _ => {}
         }
         self.client.take(now, message);
@@ -144,18 +153,17 @@ impl MissionFlight {
     }
 
     /// Home in the local frame (m).
-    fn home(&self, first_item: u16) -> Option<Vector3<f64>> {
-        let reported = |(x, y)| self.georeference.locate(MavFrame::MAV_FRAME_GLOBAL, (x, y), 0.0);
-        // ArduPilot's item 0 is home.
+    fn home(&self, make: AutopilotType) -> Option<Vector3<f64>> {
+        // ArduPilot's item 0 is home, and zeros before there is one.
         let item = self
             .client
             .items()
             .and_then(<[_]>::first)
-            .filter(|_| first_item > 0);
-        match item {
-            Some(home) => reported((home.x, home.y)),
-            None => self.home.and_then(reported),
-        }
+            .filter(|_| make == AutopilotType::ArduPilot)
+            .map(|home| (home.x, home.y))
+            .filter(|home| *home != (0, 0));
+        let home = item.or(self.home)?;
+        self.georeference.locate(MavFrame::MAV_FRAME_GLOBAL, home, 0.0)
     }
 }
 
@@ -175,8 +183,9 @@ impl Gateway {
         let mode = self.mode_for_missions();
         let in_air = self.vehicle.has_taken_off();
         let lets_fly_unguarded = self.params().get(&OA_UNGUARDED) > 0.0;
-        let first_item = u16::from(self.vehicle.make() == Some(AutopilotType::ArduPilot));
+        let make = self.vehicle.make().unwrap_or(AutopilotType::Px4);
         let Some(flight) = &mut self.mission else { return };
+        flight.client.set_make(make);
         let before = std::mem::replace(&mut flight.mode, mode);
         // A mission may have been changed while nobody looked.
         let begins = match mode {
@@ -203,10 +212,11 @@ impl Gateway {
             version: flight.client.version(),
             read_at: flight.client.read_at(),
             current: self.current_item.map(|(item, _)| item),
-            first_item,
-            home: flight.home(first_item),
+            make,
+            home: flight.home(make),
             is_located: flight.georeference.is_known(),
             go_to: flight.go_to.go_to(),
+            speed_command: flight.speed_command,
             lets_fly_unguarded,
             ready,
             on_plan: nearness == Nearness::OnPlan,
@@ -219,7 +229,7 @@ impl Gateway {
             read_again,
         } = flight
             .executive
-            .step(&scene, |item| flight.georeference.place(item));
+            .step(&scene, |item, from| flight.georeference.place(make, item, from));
         if read_again {
             flight.client.read_again(now);
         }
@@ -320,16 +330,43 @@ impl Gateway {
         }
     }
 
-    /// A station on a link of ours asks ArduCopter to go to a place: seen before it is overwritten.
+    /// A station on a link of ours asks the autopilot for something: another speed, or ArduCopter to go to a place, seen before it is
+    /// overwritten. No autopilot reports a speed that it was asked for, so from elsewhere none is known.
     pub(super) fn observe(&mut self, now: Timestamp, received: &Received) {
         let follows = self.vehicle.mode() == NavMode::Offboard;
         let copter = self.vehicle.make() == Some(AutopilotType::ArduPilot);
+        let system_id = self.selector.system_id(now);
         let Content::Message(message) = &received.content else {
             return;
         };
-        let Some(flight) = self.mission.as_mut().filter(|_| follows && copter) else {
-            return;
+        let Some(flight) = &mut self.mission else { return };
+        let speed = match message {
+            MavMessage::COMMAND_LONG(command) => Some((
+                command.command,
+                command.target_system,
+                command.param1,
+                command.param2,
+            )),
+            MavMessage::COMMAND_INT(command) => Some((
+                command.command,
+                command.target_system,
+                command.param1,
+                command.param2,
+            )),
+            _ => None,
         };
+        if let Some((MavCmd::MAV_CMD_DO_CHANGE_SPEED, target, kind, speed_mps)) = speed
+            && system_id == Some(target)
+        {
+            flight.speed_command = Some(SpeedCommand {
+                kind,
+                speed_mps,
+                serial: flight.speed_command.map_or(0, |command| command.serial) + 1,
+            });
+        }
+        if !follows || !copter {
+            return;
+        }
         let only_position = |mask: PositionTargetTypemask| {
             !mask.contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE)
                 && mask.contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VX_IGNORE)

@@ -5,7 +5,7 @@ use crate::support::{MODE_MISSION, MODE_POSITION, Sample, at, flight, heartbeat,
 use allocation_counter::measure;
 use jink_mavlink_gateway::assist::record::AssistRecord;
 use jink_mavlink_gateway::executive::FlightGoal;
-use jink_mavlink_gateway::executive::items::Jumps;
+use jink_mavlink_gateway::executive::items::Course;
 use jink_mavlink_gateway::executive::record::Record;
 use jink_mavlink_gateway::landed_state::LandedState;
 use jink_mavlink_gateway::{
@@ -158,7 +158,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
         flight_goal: FlightGoal::None,
         returns_to_hold: false,
         index: None,
-        jumps: Jumps::default(),
+        course: Course::default(),
         assist: Some(AssistRecord {
             pilots_mode: MODE_POSITION,
             calibration: None,

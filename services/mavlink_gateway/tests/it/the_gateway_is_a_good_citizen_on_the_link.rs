@@ -183,6 +183,35 @@ fn every_command_to_us_gets_exactly_one_answer() {
     assert_eq!(acks(&bench)[3].0, COMPONENT_ONBOARD_COMPUTER);
 }
 
+/// A station on a link of jink's own asks the autopilot for another speed.
+#[test]
+fn a_speed_that_the_autopilot_is_asked_for_is_heard_and_told() {
+    let mut bench = acquainted();
+    for (system, told) in [(7, 0), (SYSTEM, 1)] {
+        bench.receive_from(
+            255,
+            190,
+            MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+                command: MavCmd::MAV_CMD_DO_CHANGE_SPEED,
+                param1: 1.0,
+                param2: 2.0,
+                target_system: system,
+                target_component: 1,
+                ..COMMAND_LONG_DATA::default()
+            }),
+        );
+        for _ in 0..5 {
+            bench.step();
+        }
+        let reported = bench
+            .events
+            .iter()
+            .filter(|event| event.id == events::SPEED_COMMANDED.id && event.numbers[0] == 2.0);
+        assert_eq!(reported.count(), told);
+    }
+    assert!(acks(&bench).is_empty(), "it is not ours to answer");
+}
+
 #[test]
 fn commands_to_others_and_to_all_are_not_ours_to_answer() {
     let mut bench = acquainted();
