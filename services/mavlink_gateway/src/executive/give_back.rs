@@ -66,7 +66,8 @@ impl FlownAlone {
     fn strays_m(&mut self, now: Timestamp, position: Vector3<f64>, level_mps: f64) -> Option<f64> {
         let began = *self.began.get_or_insert(position);
         let beside_m = (position - self.place).xy().norm();
-        let is_fast = level_mps > STRAY_MPS && beside_m > self.beside_m;
+        // Between two reports of the autopilot's the vehicle seems to stand.
+        let is_fast = level_mps > STRAY_MPS && beside_m >= self.beside_m;
         self.beside_m = beside_m;
         let since = is_fast.then(|| self.fast_since.unwrap_or(now));
         self.fast_since = since;

@@ -710,9 +710,10 @@ fn run_away(
 ) -> (Vec<Demand>, Vec<&'static Event>, f64) {
     let begun_m = seen.position.unwrap().x;
     for tick in 1..200 {
-        seen.level_mps = mps2 * f64::from(tick) * 0.02;
-        seen.position = Some(seen.position.unwrap() - Vector3::new(seen.level_mps * 0.02, 0.0, -0.02));
-        let (asked, reported) = go_on(executive, seen, 0.02);
+        seen.level_mps = mps2 * f64::from(tick) * 0.04;
+        seen.position = Some(seen.position.unwrap() - Vector3::new(seen.level_mps * 0.04, 0.0, -0.04));
+        // Two steps for each report of the autopilot's.
+        let (asked, reported) = go_on(executive, seen, 0.04);
         if !asked.is_empty() {
             return (asked, reported, begun_m - seen.position.unwrap().x);
         }
