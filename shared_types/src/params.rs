@@ -85,7 +85,7 @@ params! {
     OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, "Range up to which rays clear the map";
     OA_DCL_START = Float, 0.0, 0.0 .. 5.0, "m", Restart, "Declaration: so near to the vehicle when it is armed, and around it while it takes off, everything is free; 0 none";
     OA_DCL_HANG_LO = Float, 0.0, 0.0 .. 500.0, "m", Restart, "Declaration: nothing hangs from above from this height above home ...";
-    OA_DCL_HANG_HI = Float, 0.0, 0.0 .. 500.0, "m", Restart, "... to this one; no higher than the other: not declared";
+    OA_DCL_HANG_HI = Float, 0.0, 0.0 .. 500.0, "m", Restart, "... to this one; equal to the other: not declared";
     GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, "Distance the guard keeps besides the vehicle radius";
     GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, "Half height of the band around the vehicle in which the guard counts obstacles";
     GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, "Deceleration the guard counts on and brakes with";
@@ -105,6 +105,9 @@ params! {
     GW_OBST_RATE = Float, 0.0, 0.0 .. 30.0, "Hz", Live, "Rate of the obstacle maps to the autopilot, which may pass them on to ground stations; 0 as it needs them";
     GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, "Duration of each Bezier curve sent to the autopilot";
 }
+
+/// The lower and the upper end of one span: values in force never have the first above the second.
+pub const SPANS: [[&Param; 2]; 2] = [[&OA_ALT_MIN, &OA_ALT_MAX], [&OA_DCL_HANG_LO, &OA_DCL_HANG_HI]];
 
 /// Begins the names of parameters that a configuration declares.
 pub const USER_PARAMETERS: &str = "USR_";
@@ -130,6 +133,13 @@ pub enum ParamError {
         /// Largest value accepted.
         max: f64,
     },
+    /// The two ends of one of [`SPANS`] are the wrong way round.
+    Reversed {
+        /// Name and value of the lower end.
+        low: (&'static str, f64),
+        /// Name and value of the upper end.
+        high: (&'static str, f64),
+    },
 }
 
 impl fmt::Display for ParamError {
@@ -145,6 +155,9 @@ impl fmt::Display for ParamError {
                 max,
             } => {
                 write!(f, "{name} = {value} is outside {min} to {max}")
+            }
+            ParamError::Reversed { low, high } => {
+                write!(f, "{} = {} is above {} = {}", low.0, low.1, high.0, high.1)
             }
         }
     }
@@ -217,7 +230,34 @@ impl ParamSet {
         TABLE.iter().chain(self.declared).zip(self.values.iter().copied())
     }
 
-    /// Sets the parameter called `name`.
+    /// The spans whose ends are the wrong way round, each as [`ParamError::Reversed`].
+    pub fn reversed(&self) -> impl Iterator<Item = ParamError> + '_ {
+        SPANS.iter().filter_map(|span| {
+            let [low, high] = span.map(|row| (row.name, self.get(row)));
+            (low.1 > high.1).then_some(ParamError::Reversed { low, high })
+        })
+    }
+
+    /// Changes the parameter called `name` among values that are in force: as [`Self::set`], and the values fit together afterwards.
+    /// What is refused changes nothing.
+    ///
+    /// # Errors
+    /// Those of [`Self::set`]; [`ParamError::Reversed`], if the parameter is the end of a span.
+    pub fn change(&mut self, name: &str, value: f64) -> Result<(), ParamError> {
+        let before = self.named(name);
+        self.set(name, value)?;
+        let is_end_of = |error: &ParamError| matches!(error, ParamError::Reversed { low, high } if low.0 == name || high.0 == name);
+        let Some(error) = self.reversed().find(is_end_of) else {
+            return Ok(());
+        };
+        if let Some(before) = before {
+            self.set(name, before)?;
+        }
+        Err(error)
+    }
+
+    /// Sets the parameter called `name`, whatever the others are: a file or a message sets one after the other, and is judged whole
+    /// ([`Self::reversed`]).
     ///
     /// # Errors
     /// [`ParamError::Unknown`] with the nearest name; [`ParamError::OutOfRange`] with the range.
@@ -246,7 +286,7 @@ impl ParamSet {
 
 #[cfg(test)]
 mod tests {
-    use super::{OA_SPD_MAX, ParamError, ParamSet, TABLE};
+    use super::{OA_SPD_MAX, ParamError, ParamSet, SPANS, TABLE};
 
     #[test]
     fn every_row_fits_mavlink_and_its_own_range() {
@@ -304,6 +344,29 @@ mod tests {
             error.to_string(),
             "unknown parameter OA_SPEED_MAX; did you mean `OA_SPD_MAX`?"
         );
+    }
+
+    #[test]
+    fn the_ends_of_a_span_are_never_changed_to_the_wrong_way_round() {
+        for [low, high] in SPANS {
+            let mut set = ParamSet::default();
+            set.change(high.name, 20.0).unwrap();
+            set.change(low.name, 20.0).unwrap();
+            let before = set.clone();
+            let error = set.change(low.name, 21.0).unwrap_err();
+            assert_eq!(
+                error.to_string(),
+                format!("{} = 21 is above {} = 20", low.name, high.name)
+            );
+            assert!(set.change(high.name, 19.0).is_err());
+            assert_eq!(set, before);
+            assert_eq!(set.reversed().count(), 0);
+            // What is wrong already keeps nothing else from being changed.
+            set.set(low.name, 30.0).unwrap();
+            assert_eq!(set.reversed().count(), 1);
+            set.change("OA_SPD_MAX", 2.0).unwrap();
+            set.change(low.name, 10.0).unwrap();
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! | PARAM_REQUEST_READ by name or number, also to all components | PARAM_VALUE at once |
 //! | PARAM_SET, to us only | the parameter server is asked ([`ParameterChange`]); with its answer PARAM_VALUE with the value in force, to everybody |
 //! | the same, and the server does not answer | after [`PATIENCE_S`] PARAM_VALUE with the value that stays |
-//! | the same, refused | PARAM_ERROR with the reason to whoever asked, and PARAM_VALUE with the value that stays |
+//! | the same, refused: outside its range, or beyond the other end of its span | PARAM_ERROR with the reason to whoever asked, and PARAM_VALUE with the value that stays |
 //! | a value has changed for another reason ([`ParameterValues`]) | PARAM_VALUE, so that ground stations follow |
 //!
 //! A refusal is said twice because ground stations that do not know PARAM_ERROR (it is from 2025) only compare the value
@@ -212,8 +212,14 @@ impl Parameters {
             }
             Ok(value) => value,
         };
+        // With what is on its way to the parameter server: a station that widens a span sets both ends at once.
         let mut tried = self.set.clone();
-        match tried.set(row.name, value) {
+        for waiting in &self.wanted {
+            if let Some(row) = tried.row(waiting.row as usize) {
+                let _refused = tried.change(row.name, waiting.value);
+            }
+        }
+        match tried.change(row.name, value) {
             Ok(()) => Ok(value),
             Err(_) => Err(MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE),
         }
@@ -361,6 +367,20 @@ mod tests {
         assert!(parameters.take_values(&answered(&parameters, &first)).is_none());
         assert_eq!(parameters.set().get(&OA_SPD_MAX), 4.5);
         assert_eq!(parameters.next(at(1.0)).unwrap().param_value, 4.5);
+    }
+
+    #[test]
+    fn an_end_of_a_span_is_refused_beyond_the_other_end_and_both_can_be_moved_at_once() {
+        let mut parameters = parameters();
+        let real = MavParamType::MAV_PARAM_TYPE_REAL32;
+        let refused = parameters.request_set(at(0.0), STATION, &set("OA_DCL_HANG_LO", 5.0, real));
+        let error = refused.error.unwrap().error;
+        assert_eq!(error, MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE);
+        assert_eq!(refused.value.unwrap().param_value, 0.0);
+        for (name, value) in [("OA_DCL_HANG_HI", 9.0), ("OA_DCL_HANG_LO", 5.0)] {
+            let reply = parameters.request_set(at(0.1), STATION, &set(name, value, real));
+            assert!(reply.error.is_none(), "{name}");
+        }
     }
 
     #[test]

@@ -53,7 +53,7 @@ impl ParameterServer {
             return false;
         };
         let before = self.set.get(row);
-        let is_new = self.set.set(row.name, change.value).is_ok() && self.set.get(row) != before;
+        let is_new = self.set.change(row.name, change.value).is_ok() && self.set.get(row) != before;
         self.changes = self.changes.wrapping_add(u32::from(is_new));
         is_new
     }
@@ -141,8 +141,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_is_asked_for_every_value_stays_in_its_range(
-            asked in proptest::collection::vec((0..2 * TABLE.len(), any::<f64>()), 1..60),
+        fn whatever_is_asked_for_every_value_stays_in_its_range_and_below_the_other_end_of_its_span(
+            asked in proptest::collection::vec((0..2 * TABLE.len(), prop_oneof![any::<f64>(), 0.0..200.0]), 1..60),
         ) {
             let mut server = server();
             for (id, (row, value)) in asked.into_iter().enumerate() {
@@ -154,6 +154,7 @@ mod tests {
             for (row, value) in server.set().rows() {
                 prop_assert!((row.min..=row.max).contains(&value), "{} = {}", row.name, value);
             }
+            prop_assert_eq!(server.set().reversed().count(), 0);
         }
     }
 }

@@ -117,6 +117,18 @@ impl ParamStore {
                             refused.push(StoreError::Refused { file, cause });
                         }
                     }
+                    // The configuration has changed below them: its own values fit together.
+                    let reversed: Vec<ParamError> = set.reversed().collect();
+                    for cause in reversed {
+                        if let ParamError::Reversed { low, high } = &cause {
+                            for name in [low.0, high.0] {
+                                let configured = self.configured.named(name);
+                                configured.map(|value| set.set(name, value)).transpose().ok();
+                            }
+                        }
+                        let file = self.file.clone();
+                        refused.push(StoreError::Refused { file, cause });
+                    }
                 }
             },
         }
@@ -307,6 +319,22 @@ mod tests {
     }
 
     #[test]
+    fn stored_values_that_contradict_a_new_configuration_give_way_to_it() {
+        let folder = Folder::new("reversed");
+        let mut store = folder.write(b"OA_ALT_MIN = 40.0\nOA_GOAL_RAD = 0.5\n");
+        store.configured.set("OA_ALT_MAX", 30.0).unwrap();
+        let (set, refused) = store.load();
+        assert_eq!((set.get(&OA_ALT_MAX), set.get(&OA_GOAL_RAD)), (30.0, 0.5));
+        assert_eq!(set.reversed().count(), 0);
+        assert!(
+            refused[0]
+                .to_string()
+                .ends_with("OA_ALT_MIN = 40 is above OA_ALT_MAX = 30"),
+            "{refused:?}"
+        );
+    }
+
+    #[test]
     fn a_value_that_is_no_longer_allowed_does_not_spoil_the_others() {
         let folder = Folder::new("refused");
         let store = folder.write(b"GONE = 1.0\nOA_SPD_MAX = 99.0\nOA_GOAL_RAD = 0.5\n");
@@ -358,8 +386,8 @@ mod tests {
             let mut set = ParamSet::default();
             for (row, share) in TABLE.iter().zip(shares) {
                 let value = row.min + share * (row.max - row.min);
-                // Rows of whole numbers refuse most of them, and keep their default.
-                let _refused = set.set(row.name, value);
+                // Rows of whole numbers refuse most of them, and ends of spans what is beyond the other end: they keep their default.
+                let _refused = set.change(row.name, value);
             }
             write_atomically(&store.file, &store.text(&set)).unwrap();
             prop_assert_eq!(store.load().0, set);

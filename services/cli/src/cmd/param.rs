@@ -10,7 +10,7 @@ use jink_control::{say, sayln};
 use jink_runtime::config::Config;
 use jink_runtime::{Input, Instance, Session};
 use jink_shared_types::param_messages::{ParameterChange, ParameterValues, table_of};
-use jink_shared_types::params::{Apply, ParamSet};
+use jink_shared_types::params::{Apply, ParamError, ParamSet};
 use jink_shared_types::{Reserved, SampleHeader, topics};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -63,10 +63,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         Config::load(&instance.run_config()).map_or_else(|_| ParamSet::default(), |config| config.params);
     if let Doing::Set { name, value } = &args.action {
         // Said before anything is asked for: a typing error needs no running system.
-        known
-            .clone()
-            .set(name, *value)
-            .map_err(|error| Problem::Other(error.to_string()))?;
+        known.clone().set(name, *value).map_err(refused)?;
     }
     if running::find(instance)?.is_none() || !Watch::is_ready(instance) {
         eprintln!("jink {instance}: not running");
@@ -102,8 +99,19 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             }
             Ok(ExitCode::SUCCESS)
         }
-        Doing::Set { name, value } => set(&session, &mut values, &known, name, *value),
+        Doing::Set { name, value } => {
+            let mut now = known.clone();
+            for (row, value) in newest(&mut values, &known)?.rows(&known) {
+                now.set(row.name, value).map_err(refused)?;
+            }
+            now.change(name, *value).map_err(refused)?;
+            set(&session, &mut values, &known, name, *value)
+        }
     }
+}
+
+fn refused(error: ParamError) -> Problem {
+    Problem::Other(error.to_string())
 }
 
 fn rows(values: &ParameterValues, known: &ParamSet) -> Vec<Listed> {

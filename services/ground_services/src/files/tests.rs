@@ -99,6 +99,30 @@ fn a_file_is_listed_opened_read_checked_and_closed() {
     );
 }
 
+/// MAVProxy asks for ArduPilot's file of parameters first, and for the list of them when that is refused.
+#[test]
+fn a_file_of_parameters_that_is_not_here_is_refused_at_once_whoever_else_reads() {
+    let mut server = FileServer::default();
+    for number in 0..SESSIONS as u8 {
+        let open = request(0, op::OPEN).with(b"general.json").to_payload();
+        let answer = server.take(at(0.0), (1, number), &open).unwrap();
+        assert_eq!(Packet::of(&answer).opcode, ACK);
+    }
+    let end = Packet {
+        session: 183,
+        ..request(0, op::TERMINATE)
+    };
+    assert_eq!(
+        refusal(&ask(&mut server, 0.0, end)),
+        Some(Nak::InvalidSession as u8)
+    );
+    let open = request(1, op::OPEN).with(b"@PARAM/param.pck?withdefaults=1");
+    assert_eq!(
+        refusal(&ask(&mut server, 0.0, open)),
+        Some(Nak::FileNotFound as u8)
+    );
+}
+
 #[test]
 fn nothing_can_be_written_and_nonsense_is_refused_with_its_reason() {
     let mut server = FileServer::default();
