@@ -4,7 +4,7 @@
 //! are lasers, beams or lines, columns the measurement ids (Ouster), firings of a turn (Velodyne) or points of a line
 //! (Livox).
 
-use crate::capture::{Capture, CaptureError, Datagram};
+use crate::capture::{Capture, CaptureError, Datagram, Skipped};
 use crate::decode::{Decode, Fault, Item};
 use crate::decoder::Decoder;
 use crate::models::{self, Connection, NetworkProtocol};
@@ -54,8 +54,8 @@ pub struct Summary {
     pub lost: u64,
     /// Packets that were passed over: foreign, damaged, doubled, late, without ranges.
     pub passed_over: [u64; 5],
-    /// Frames of the recording that hold no whole UDP datagram.
-    pub not_udp: u64,
+    /// Frames of the recording that hold no whole UDP datagram, and why.
+    pub skipped: Skipped,
 }
 
 /// Why there is no table.
@@ -90,6 +90,8 @@ pub enum DumpError {
         pcap: PathBuf,
         /// Datagrams in it.
         datagrams: u64,
+        /// Frames that hold none.
+        skipped: Skipped,
         /// The model, if one was named or guessed.
         model: Option<String>,
     },
@@ -111,6 +113,7 @@ impl fmt::Display for DumpError {
             Self::NothingDecoded {
                 pcap,
                 datagrams,
+                skipped,
                 model,
             } => {
                 write!(
@@ -124,6 +127,10 @@ impl fmt::Display for DumpError {
                         "a {model}; does the model, or the metadata, belong to this recording?"
                     ),
                     None => f.write_str("a known lidar; name it with --model, an Ouster by --metadata FILE"),
+                }?;
+                match skipped {
+                    Skipped { truncated: 0, .. } => Ok(()),
+                    skipped => write!(f, " ({skipped})"),
                 }
             }
         }
@@ -160,8 +167,8 @@ impl fmt::Display for Summary {
         write!(
             f,
             "{} scans, {} returns of {} packets; {} lost, {foreign} foreign, {damaged} damaged, {doubled} doubled, {late} late, \
-             {other} without ranges, {} no UDP",
-            self.scans, self.returns, self.packets, self.lost, self.not_udp
+             {other} without ranges, {}",
+            self.scans, self.returns, self.packets, self.lost, self.skipped
         )
     }
 }
@@ -171,6 +178,16 @@ impl fmt::Display for Summary {
 /// # Errors
 /// [`DumpError`].
 pub fn dump(request: &DumpRequest, progress: &mut dyn FnMut(f64, u64)) -> Result<Summary, DumpError> {
+    let is_new = !request.csv.exists();
+    let dumped = write(request, progress);
+    if dumped.is_err() && is_new {
+        // A table of nothing, or half a one, would be taken for the recording's; there may be none.
+        let _none_was_made = std::fs::remove_file(&request.csv);
+    }
+    dumped
+}
+
+fn write(request: &DumpRequest, progress: &mut dyn FnMut(f64, u64)) -> Result<Summary, DumpError> {
     let mut decoder = named(request)?;
     let mut capture = Capture::open(&request.pcap)?;
     let cannot_write = |source| DumpError::File {
@@ -214,6 +231,7 @@ pub fn dump(request: &DumpRequest, progress: &mut dyn FnMut(f64, u64)) -> Result
                 DumpError::NothingDecoded {
                     pcap: request.pcap.clone(),
                     datagrams,
+                    skipped: capture.skipped(),
                     model: request
                         .model
                         .clone()
@@ -222,7 +240,7 @@ pub fn dump(request: &DumpRequest, progress: &mut dyn FnMut(f64, u64)) -> Result
             },
         );
     }
-    table.summary.not_udp = capture.skipped().other + capture.skipped().malformed;
+    table.summary.skipped = capture.skipped();
     table.end().map_err(cannot_write)
 }
 

@@ -19,7 +19,7 @@ pub fn open(path: &Path, resumes: bool) -> Result<(File, Vec<FlightReport>), Str
     let mut reports = Vec::new();
     let whole = text.rfind('\n').map_or(0, |end| end + 1);
     for (number, line) in text[..whole].lines().enumerate() {
-        let report = serde_json::from_str(line).map_err(|error| {
+        let report = serde_json::from_str(line.trim_start_matches('\u{feff}')).map_err(|error| {
             format!(
                 "{}:{}: not the report of a flight: {error}",
                 path.display(),

@@ -2,7 +2,7 @@
 //!
 //! The file formats are read by pcap-parser, the headers between the link and UDP, and fragments of IP packets, by
 //! etherparse. A file that was cut off ends where it is cut; whatever is no whole UDP datagram is counted and passed
-//! over.
+//! over, and so are the packets of interfaces that carry no IP.
 
 mod network;
 
@@ -32,7 +32,7 @@ pub enum CaptureError {
         /// Its path.
         path: PathBuf,
     },
-    /// Its link type carries no IP that is known here.
+    /// All its packets are of links that carry no IP that is known here.
     LinkType {
         /// Its path.
         path: PathBuf,
@@ -149,7 +149,7 @@ impl Capture {
     /// The next datagram; `None` at the end of the file.
     ///
     /// # Errors
-    /// [`CaptureError`] if the file is damaged or of a link type that carries no IP.
+    /// [`CaptureError`] if the file is damaged, or at its end, if no packet was of a link that carries IP.
     pub fn next_datagram(&mut self) -> Result<Option<Datagram<'_>>, CaptureError> {
         loop {
             match self.step()? {
@@ -187,16 +187,19 @@ impl Capture {
         } = self;
         let incomplete = match reader.next() {
             Ok((length, block)) => {
-                let step = take(&block, path, interfaces, network)?;
+                let step = take(&block, interfaces, network);
                 drop(block);
                 reader.consume(length);
                 *consumed += length as u64;
                 return Ok(step);
             }
-            Err(PcapError::Eof) => return Ok(ReadStep::End),
+            Err(PcapError::Eof) => return self.end(),
             Err(PcapError::Incomplete(_)) => true,
             // The file ends within a block: what is whole has been read.
-            Err(PcapError::UnexpectedEof) => return Ok(ReadStep::End),
+            Err(PcapError::UnexpectedEof) => {
+                network.ended_early();
+                return self.end();
+            }
             Err(error) => {
                 let (path, cause) = (path.clone(), explain(&error));
                 return Err(CaptureError::Damaged {
@@ -207,7 +210,8 @@ impl Capture {
             }
         };
         if incomplete && reader.reader_exhausted() {
-            return Ok(ReadStep::End);
+            network.ended_early();
+            return self.end();
         }
         let refilled = reader.refill().map_err(|error| explain(&error));
         refilled
@@ -217,6 +221,18 @@ impl Capture {
                 at: *consumed,
                 cause,
             })
+    }
+}
+
+impl Capture {
+    fn end(&self) -> Result<ReadStep, CaptureError> {
+        match self.interfaces.first() {
+            Some(interface) if self.network.is_all_of_other_links() => Err(CaptureError::LinkType {
+                path: self.path.clone(),
+                number: interface.link.0,
+            }),
+            _ => Ok(ReadStep::End),
+        }
     }
 }
 
@@ -231,57 +247,47 @@ fn explain(error: &PcapError<&[u8]>) -> String {
     }
 }
 
-fn take(
-    block: &PcapBlockOwned<'_>,
-    path: &Path,
-    interfaces: &mut Vec<Interface>,
-    network: &mut Network,
-) -> Result<ReadStep, CaptureError> {
-    let packet = |interface: Option<&Interface>, units: u64, data: &[u8], network: &mut Network| {
-        let Some(interface) = interface else {
-            network.count_malformed();
-            return ReadStep::Packet(None);
+fn take(block: &PcapBlockOwned<'_>, interfaces: &mut Vec<Interface>, network: &mut Network) -> ReadStep {
+    let packet =
+        |interface: Option<&Interface>, units: u64, data: &[u8], sent: u32, network: &mut Network| {
+            let Some(interface) = interface else {
+                network.count_malformed();
+                return ReadStep::Packet(None);
+            };
+            let time_ns = nanoseconds(units, interface);
+            let address = network.packet(interface.link, data, data.len() < sent as usize);
+            ReadStep::Packet(address.map(|address| (time_ns, address)))
         };
-        let time_ns = nanoseconds(units, interface);
-        let address = network.packet(interface.link, data);
-        ReadStep::Packet(address.map(|address| (time_ns, address)))
-    };
-    Ok(match block {
+    match block {
         PcapBlockOwned::LegacyHeader(header) => {
             interfaces.clear();
-            interfaces.push(supported(
-                path,
-                Interface {
-                    link: header.network,
-                    per_second: if header.is_nanosecond_precision() {
-                        1_000_000_000
-                    } else {
-                        1_000_000
-                    },
-                    offset_s: 0,
+            interfaces.push(Interface {
+                link: header.network,
+                per_second: if header.is_nanosecond_precision() {
+                    1_000_000_000
+                } else {
+                    1_000_000
                 },
-            )?);
+                offset_s: 0,
+            });
             ReadStep::Nothing
         }
         PcapBlockOwned::Legacy(block) => {
             let interface = interfaces.first();
             let per_second = interface.map_or(1, |interface| interface.per_second);
             let units = u64::from(block.ts_sec) * per_second + u64::from(block.ts_usec);
-            packet(interface, units, block.data, network)
+            packet(interface, units, block.data, block.origlen, network)
         }
         PcapBlockOwned::NG(Block::SectionHeader(_)) => {
             interfaces.clear();
             ReadStep::Nothing
         }
         PcapBlockOwned::NG(Block::InterfaceDescription(description)) => {
-            interfaces.push(supported(
-                path,
-                Interface {
-                    link: description.linktype,
-                    per_second: description.ts_resolution().unwrap_or(1_000_000).max(1),
-                    offset_s: description.ts_offset(),
-                },
-            )?);
+            interfaces.push(Interface {
+                link: description.linktype,
+                per_second: description.ts_resolution().unwrap_or(1_000_000).max(1),
+                offset_s: description.ts_offset(),
+            });
             ReadStep::Nothing
         }
         PcapBlockOwned::NG(Block::EnhancedPacket(block)) => {
@@ -291,25 +297,22 @@ fn take(
                 interfaces.get(block.if_id as usize),
                 units,
                 &block.data[..length],
+                block.origlen,
                 network,
             )
         }
         PcapBlockOwned::NG(Block::SimplePacket(block)) => {
             let length = (block.origlen as usize).min(block.data.len());
-            packet(interfaces.first(), 0, &block.data[..length], network)
+            packet(
+                interfaces.first(),
+                0,
+                &block.data[..length],
+                block.origlen,
+                network,
+            )
         }
         PcapBlockOwned::NG(_) => ReadStep::Nothing,
-    })
-}
-
-fn supported(path: &Path, interface: Interface) -> Result<Interface, CaptureError> {
-    if Network::knows(interface.link) {
-        return Ok(interface);
     }
-    Err(CaptureError::LinkType {
-        path: path.to_owned(),
-        number: interface.link.0,
-    })
 }
 
 /// A time of an interface in nanoseconds since 1970; what lies outside 64 bits is cut.

@@ -3,6 +3,7 @@
 use etherparse::defrag::IpDefragPool;
 use etherparse::{EtherType, NetSlice, SlicedPacket, TransportSlice, UdpSlice};
 use pcap_parser::Linktype;
+use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
 /// Packets after which the fragments of a datagram that never became whole are forgotten: a second of a fast lidar.
@@ -30,8 +31,34 @@ pub struct UdpAddress {
 pub struct Skipped {
     /// Packets that are no UDP.
     pub other: u64,
-    /// Packets whose headers contradict their length, or that were cut off.
+    /// Packets whose headers contradict their length.
     pub malformed: u64,
+    /// Packets of which only the beginning was recorded.
+    pub truncated: u64,
+    /// Packets of interfaces whose link type carries no IP that is known here.
+    pub of_other_links: u64,
+    /// The file ends within a packet.
+    pub ends_early: bool,
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} no UDP", self.other + self.malformed)?;
+        if self.of_other_links > 0 {
+            write!(f, ", {} of links without IP", self.of_other_links)?;
+        }
+        if self.truncated > 0 {
+            write!(
+                f,
+                ", {} recorded in part only (a snap length: tcpdump -s 0)",
+                self.truncated
+            )?;
+        }
+        if self.ends_early {
+            write!(f, ", the file ends within a packet")?;
+        }
+        Ok(())
+    }
 }
 
 /// Takes the headers off, and puts fragments together.
@@ -45,7 +72,7 @@ pub(super) struct Network {
 
 impl Network {
     /// Whether this link type carries IP that is known here.
-    pub fn knows(link: Linktype) -> bool {
+    fn knows(link: Linktype) -> bool {
         [
             Linktype::ETHERNET,
             Linktype::NULL,
@@ -60,11 +87,19 @@ impl Network {
             || LINKTYPE_RAW_BSD.contains(&link)
     }
 
-    /// Takes one packet; where a datagram went, if that completes one. [`Self::payload`] is then what it carries.
-    pub fn packet(&mut self, link: Linktype, data: &[u8]) -> Option<UdpAddress> {
+    /// Takes one packet, of which `is_truncated` when only the beginning was recorded; where a datagram went, if that completes one.
+    /// [`Self::payload`] is then what it carries.
+    pub fn packet(&mut self, link: Linktype, data: &[u8], is_truncated: bool) -> Option<UdpAddress> {
         self.packets += 1;
+        if !Self::knows(link) {
+            self.skipped.of_other_links += 1;
+            return None;
+        }
         let Some(packet) = sliced(link, data) else {
-            self.skipped.malformed += 1;
+            match is_truncated {
+                true => self.skipped.truncated += 1,
+                false => self.skipped.malformed += 1,
+            }
             return None;
         };
         let Some(ends) = ends(&packet) else {
@@ -111,7 +146,18 @@ impl Network {
     }
 
     pub fn count_malformed(&mut self) {
+        self.packets += 1;
         self.skipped.malformed += 1;
+    }
+
+    /// The file has ended within a packet.
+    pub fn ended_early(&mut self) {
+        self.skipped.ends_early = true;
+    }
+
+    /// Whether there were packets, and all of them of other links.
+    pub fn is_all_of_other_links(&self) -> bool {
+        self.packets > 0 && self.skipped.of_other_links == self.packets
     }
 }
 

@@ -98,6 +98,8 @@ impl Metadata {
     /// # Errors
     /// [`MetadataError`] naming the key.
     pub fn parse(text: &str) -> Result<Self, MetadataError> {
+        // Editors and shells of Windows begin a file with a byte order mark.
+        let text = text.trim_start_matches('\u{feff}');
         let value: Value = serde_json::from_str(text).map_err(|error| MetadataError::NotJson {
             cause: error.to_string(),
         })?;

@@ -1,7 +1,10 @@
 //! Datagrams come out of a recording whatever wrote it: byte order, time unit, file format, link type, tags, fragments.
 
-use crate::common::{ethernet, ipv4, pcap, pcapng};
+use crate::common::{ethernet, ipv4, pcap, pcapng, pcapng_of_interfaces};
+use crate::encoder::ouster_metadata;
 use jink_lidar_driver::capture::Capture;
+use jink_lidar_driver::dump::{DumpRequest, dump};
+use jink_lidar_driver::ouster::Metadata;
 use jink_testkit::temp_folder::TempFolder;
 use std::path::Path;
 
@@ -115,10 +118,72 @@ fn a_file_that_was_cut_off_ends_where_it_was_cut_and_one_that_is_none_is_reporte
             Ok(_) => assert!(read(&path).len() < 5),
         }
     }
-    std::fs::write(&path, pcap(false, false, 105, &[])).unwrap();
+    std::fs::write(&path, pcap(false, false, 105, &[(BEGIN_NS, vec![0; 60])])).unwrap();
     let mut capture = Capture::open(&path).unwrap();
     let said = capture.next_datagram().unwrap_err().to_string();
     assert!(said.contains("link type 105 is not supported"), "{said}");
+}
+
+#[test]
+fn what_is_foreign_in_a_recording_is_passed_over_and_counted() {
+    let folder = TempFolder::new("foreign");
+    let path = folder.join("file");
+    let ours = frames(&|ip| ethernet(ip, 0));
+    // Link type 239 is that of the kernel's packet filter.
+    let mixed = ours
+        .iter()
+        .flat_map(|(time_ns, frame)| [(0, *time_ns, vec![7; 90]), (1, *time_ns, frame.clone())]);
+    let mixed: Vec<(u32, u64, Vec<u8>)> = mixed.collect();
+    let bytes = pcapng_of_interfaces(6, &[239, 1], &mixed);
+    std::fs::write(&path, &bytes).unwrap();
+    let payloads: Vec<Vec<u8>> = read(&path).into_iter().map(|(_, payload)| payload).collect();
+    assert_eq!(payloads, (0..5).map(payload).collect::<Vec<_>>());
+    let skipped = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let mut capture = Capture::open(&path).unwrap();
+        while capture.next_datagram().unwrap().is_some() {}
+        capture.skipped().to_string()
+    };
+    assert_eq!(
+        skipped(&bytes),
+        format!("0 no UDP, {} of links without IP", ours.len())
+    );
+    let cut = skipped(&bytes[..bytes.len() - 30]);
+    assert!(cut.ends_with(", the file ends within a packet"), "{cut}");
+    // As a snap length leaves them: the header says how long the packet was.
+    let mut short = pcap(false, false, 1, &[(BEGIN_NS, ours[0].1[..60].to_vec())]);
+    short[36..40].copy_from_slice(&1_500u32.to_le_bytes());
+    let short = skipped(&short);
+    assert!(short.starts_with("0 no UDP, 1 recorded in part only"), "{short}");
+}
+
+#[test]
+fn a_recording_without_a_lidar_is_refused_and_leaves_no_table() {
+    let folder = TempFolder::new("no_table");
+    let request = DumpRequest {
+        pcap: folder.join("file"),
+        csv: folder.join("table.csv"),
+        ..DumpRequest::default()
+    };
+    let hello: Vec<(u64, Vec<u8>)> = ipv4(b"hello", 7502, 1, 1_480)
+        .into_iter()
+        .map(|ip| (BEGIN_NS, ethernet(&ip, 0)))
+        .collect();
+    std::fs::write(&request.pcap, pcap(false, false, 1, &hello)).unwrap();
+    let error = dump(&request, &mut |_, _| {}).unwrap_err().to_string();
+    assert!(
+        error.contains("none of 1 datagrams is a packet of a known lidar"),
+        "{error}"
+    );
+    assert!(!request.csv.exists());
+}
+
+#[test]
+fn metadata_are_read_as_editors_of_windows_save_them() {
+    let text = ouster_metadata(16, 512, "RNG19_RFL8_SIG16_NIR16");
+    let of_windows = format!("\u{feff}{}", text.replace('\n', "\r\n"));
+    assert_eq!(Metadata::parse(&of_windows), Metadata::parse(&text));
+    assert!(Metadata::parse(&text).is_ok());
 }
 
 #[test]

@@ -130,7 +130,9 @@ impl Key {
 
     /// The key that the content of a key file stands for.
     pub fn of_bytes(content: &[u8]) -> Option<Self> {
-        if let Some(rest) = content.strip_prefix(PASSPHRASE) {
+        // Editors of Windows begin a text with a byte order mark.
+        let text = content.strip_prefix("\u{feff}".as_bytes()).unwrap_or(content);
+        if let Some(rest) = text.strip_prefix(PASSPHRASE) {
             let line = rest.strip_suffix(b"\n").unwrap_or(rest);
             let line = line.strip_suffix(b"\r").unwrap_or(line);
             let is_one_line = !line.is_empty() && !line.contains(&b'\n');
@@ -139,7 +141,7 @@ impl Key {
         if let Ok(raw) = content.try_into() {
             return Some(Self(raw));
         }
-        let digits = content.trim_ascii();
+        let digits = text.trim_ascii();
         let mut key = [0; KEY_BYTES];
         if digits.len() != 2 * KEY_BYTES {
             return None;
@@ -168,6 +170,14 @@ mod tests {
         let digits: String = raw.iter().map(|byte| format!("{byte:02X}")).collect();
         let of_raw = Key::of_bytes(&raw).unwrap();
         assert_eq!(Key::of_bytes(format!("{digits}\n").as_bytes()).unwrap(), of_raw);
+        assert_eq!(
+            Key::of_bytes(format!("\u{feff}{digits}\r\n").as_bytes()).unwrap(),
+            of_raw
+        );
+        assert_eq!(
+            Key::of_bytes("\u{feff}passphrase:two words\r\n".as_bytes()),
+            Key::of_bytes(b"passphrase:two words\n")
+        );
         // SHA-256 of "abc": FIPS 180-2, appendix B.1.
         let abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         for line in ["passphrase:abc", "passphrase:abc\n", "passphrase:abc\r\n"] {

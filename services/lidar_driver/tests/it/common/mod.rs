@@ -202,6 +202,15 @@ pub fn pcap(big_endian: bool, nanoseconds: bool, link: u32, frames: &[(u64, Vec<
 
 /// A pcapng file in little endian; `resolution`: decimal places of a second.
 pub fn pcapng(resolution: u8, link: u16, frames: &[(u64, Vec<u8>)]) -> Vec<u8> {
+    let frames: Vec<_> = frames
+        .iter()
+        .map(|(time_ns, frame)| (0, *time_ns, frame.clone()))
+        .collect();
+    pcapng_of_interfaces(resolution, &[link], &frames)
+}
+
+/// The same of several interfaces, each with its link type; a frame has the number of its interface.
+pub fn pcapng_of_interfaces(resolution: u8, links: &[u16], frames: &[(u32, u64, Vec<u8>)]) -> Vec<u8> {
     fn block(kind: u32, body: &[u8]) -> Vec<u8> {
         let padded = body.len().div_ceil(4) * 4;
         let length = padded as u32 + 12;
@@ -215,13 +224,15 @@ pub fn pcapng(resolution: u8, link: u16, frames: &[(u64, Vec<u8>)]) -> Vec<u8> {
     section.extend([1, 0, 0, 0]);
     section.extend(u64::MAX.to_le_bytes());
     let mut file = block(0x0A0D_0D0A, &section);
-    let mut interface = link.to_le_bytes().to_vec();
-    interface.extend([0, 0, 0, 0, 4, 0]);
-    interface.extend([9, 0, 1, 0, resolution, 0, 0, 0, 0, 0, 0, 0]);
-    file.extend(block(1, &interface));
-    for (time_ns, frame) in frames {
+    for link in links {
+        let mut interface = link.to_le_bytes().to_vec();
+        interface.extend([0, 0, 0, 0, 4, 0]);
+        interface.extend([9, 0, 1, 0, resolution, 0, 0, 0, 0, 0, 0, 0]);
+        file.extend(block(1, &interface));
+    }
+    for (interface, time_ns, frame) in frames {
         let units = u128::from(*time_ns) * 10u128.pow(resolution.into()) / 1_000_000_000;
-        let mut packet = 0u32.to_le_bytes().to_vec();
+        let mut packet = interface.to_le_bytes().to_vec();
         packet.extend(((units >> 32) as u32).to_le_bytes());
         packet.extend((units as u32).to_le_bytes());
         packet.extend((frame.len() as u32).to_le_bytes());
