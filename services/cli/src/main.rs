@@ -4,8 +4,8 @@
 mod cmd;
 mod services;
 
-use clap::{Parser, Subcommand};
-use jink_control::{DEFAULT_INSTANCE, Problem, beside};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use jink_control::{DEFAULT_INSTANCE, Problem, arguments, beside};
 use jink_runtime::{Instance, programs};
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -14,7 +14,7 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true, arg_required_else_help = true)]
 struct Cli {
-    /// Which jink on this host (the demonstration takes one of its own)
+    /// Which jink on this host
     #[arg(long, global = true, default_value = DEFAULT_INSTANCE)]
     instance: Instance,
     #[command(subcommand)]
@@ -41,7 +41,7 @@ enum Command {
     Schema(cmd::schema::Args),
     /// Show parameters, and change them while jink runs
     Param(cmd::param::Args),
-    /// Examine before the flight: the link to the autopilot, the sensors, shared memory
+    /// Examine the configuration, the board, the link to the autopilot, the sensors, shared memory
     Check(cmd::check::Args),
     /// Look into recordings of lidars
     Lidar(cmd::lidar::Args),
@@ -59,7 +59,7 @@ enum Command {
     Chaos(beside::Args),
     /// Fly many missions in virtual worlds, faster than real time, and count
     Campaign(beside::Args),
-    /// Drive a simulated pilot at walls, and plot how near he comes
+    /// Drive a simulated pilot at walls, and plot how near the vehicle comes
     Approach(beside::Args),
     /// List the jinks of this host, and remove what ended ones have left
     Instances(cmd::instances::Args),
@@ -67,12 +67,51 @@ enum Command {
     Bench(beside::Args),
 }
 
+/// What the commands are for, as the help lists them.
+const GROUPS: [(&str, &[&str]); 6] = [
+    (
+        "Fly (`jink demo` is the first to try, and needs nothing else)",
+        &["demo", "up", "down", "instances"],
+    ),
+    ("Look", &["status", "top", "ring", "topic", "schema"]),
+    ("Change", &["param", "swap", "restart", "stop"]),
+    ("Check before the flight", &["check"]),
+    ("Simulate", &["world", "chaos", "campaign", "approach"]),
+    ("Measure", &["bench", "lidar"]),
+];
+
+/// The command line, with its commands in groups.
+fn command() -> clap::Command {
+    let command = arguments::with_negative_numbers(Cli::command());
+    let mut list = String::new();
+    for (title, names) in GROUPS {
+        list += &format!("{title}:\n");
+        for name in names {
+            let about = command.find_subcommand(name).and_then(clap::Command::get_about);
+            list += &format!("  {name:10} {}\n", about.cloned().unwrap_or_default());
+        }
+        list += "\n";
+    }
+    command
+        .mut_subcommands(|command| match WITHOUT_INSTANCE.contains(&command.get_name()) {
+            // An argument of the same name takes the place of the global one.
+            true => command.arg(clap::Arg::new("instance").long("instance").hide(true)),
+            false => command,
+        })
+        .help_template(format!(
+            "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}`jink COMMAND --help` says more.\n\nOptions:\n{{options}}"
+        ))
+}
+
+/// Commands to which it is all the same which jink runs.
+const WITHOUT_INSTANCE: [&str; 4] = ["schema", "lidar", "world", "instances"];
+
 fn main() -> ExitCode {
     if let Some(service) = services::named(&programs::own_name()) {
         return service();
     }
     jink_runtime::descriptors::reserve();
-    let cli = Cli::parse();
+    let cli = Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
     // Also keeps the transport's own messages to what is wrong.
     jink_runtime::logging::init("jink", tracing::Level::ERROR);
     let outcome = match cli.command {
@@ -112,4 +151,62 @@ fn simulate(instance: &Instance, command: &str, args: beside::Args) -> Problem {
     arguments.push(command.into());
     arguments.extend(args.arguments);
     beside::become_program(&format!("jink {command}"), programs::LAB, arguments)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{GROUPS, command};
+
+    #[test]
+    fn every_command_stands_in_one_group_of_the_help() {
+        let mut grouped: Vec<&str> = GROUPS
+            .iter()
+            .flat_map(|(_, names)| names.iter().copied())
+            .collect();
+        grouped.sort_unstable();
+        let command = command();
+        let mut all: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
+        all.sort_unstable();
+        assert_eq!(grouped, all);
+        command.debug_assert();
+    }
+
+    #[test]
+    fn the_instance_is_offered_where_it_does_something() {
+        let help = |name: &str| {
+            let mut command = command();
+            command.build();
+            command
+                .find_subcommand_mut(name)
+                .unwrap()
+                .render_long_help()
+                .to_string()
+        };
+        for (name, is_offered) in [
+            ("up", true),
+            ("status", true),
+            ("schema", false),
+            ("world", false),
+        ] {
+            assert_eq!(help(name).contains("--instance"), is_offered, "{name}");
+        }
+    }
+
+    #[test]
+    fn every_command_says_its_exit_codes() {
+        fn check(command: &clap::Command, path: &str, is_said_above: bool) {
+            let is_passed_on = command
+                .get_arguments()
+                .any(|argument| argument.get_id() == "arguments");
+            let after = command
+                .get_after_help()
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            let is_said = is_said_above || after.contains("Exit codes: ");
+            let mut within = command.get_subcommands().peekable();
+            assert!(is_said || is_passed_on || within.peek().is_some(), "{path}");
+            within.for_each(|command| check(command, &format!("{path} {}", command.get_name()), is_said));
+        }
+        check(&command(), "jink", false);
+    }
 }

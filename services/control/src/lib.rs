@@ -9,6 +9,7 @@
 //! | [`narrate`], [`known_space`], [`figures`] | says what it does in words and figures |
 //! | [`findings`] | verdict and table of an examination, or JSON |
 //! | [`worlds`], [`autopilot`], [`ports`] | virtual worlds and simulated autopilots, as values laid over the configuration |
+//! | [`arguments`] | reads the command line |
 //! | [`Problem`], [`Interrupt`] | why a command ends |
 
 /// Like `print!`, but somebody who reads no further (`| head`) is no reason to end, least of all in the middle of a
@@ -31,6 +32,7 @@ macro_rules! sayln {
     }};
 }
 
+pub mod arguments;
 pub mod autopilot;
 pub mod beside;
 pub mod figures;

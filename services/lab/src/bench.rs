@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 /// What to measure.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Exit codes: 0 measured; 1 not, or not all; 2 wrong arguments.")]
 pub struct Args {
     #[command(subcommand)]
     command: Subcommand,

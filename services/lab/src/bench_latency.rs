@@ -1,6 +1,6 @@
 //! `jink bench latency`: flies the real processes under several loads and says how long the way from the sensor to the wire takes.
 
-use jink_control::{EXIT_PROBLEM, Interrupt, Problem, autopilot, places, provenance, say, sayln};
+use jink_control::{EXIT_PROBLEM, Interrupt, Problem, arguments, autopilot, places, provenance, say, sayln};
 use jink_lab::latency::{Bench, Disturbance, Disturber, Load, Measured, Provenance, Readers, Recorder, html};
 use jink_lab::rig::show::Show;
 use jink_lab::rig::{Observer, Plan, instance};
@@ -65,7 +65,7 @@ pub struct Args {
     #[arg(long, default_value = "forest")]
     world: String,
     /// Its seed
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = arguments::seed)]
     seed: u64,
     /// Highest speed (m/s)
     #[arg(long, default_value_t = 3.0, value_name = "V")]
@@ -99,19 +99,12 @@ impl std::fmt::Display for Switch {
     }
 }
 
-fn within(text: &str, [least, most]: [f64; 2]) -> Result<f64, String> {
-    let number: Option<f64> = text.parse().ok();
-    number
-        .filter(|number| (least..=most).contains(number))
-        .ok_or_else(|| format!("not a number from {least} to {most}"))
-}
-
 fn rate(text: &str) -> Result<f64, String> {
-    within(text, [1.0, 100.0])
+    arguments::number(text, 1.0..=100.0)
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
-    within(text, [1.0, 3600.0])
+    arguments::number(text, 1.0..=3600.0)
 }
 
 /// A folder for the files of one load; it goes with this.
@@ -313,6 +306,6 @@ fn write(file: &Path, text: &str) -> Result<(), Problem> {
 fn read(file: &Path) -> Result<Bench, Problem> {
     let name = || file.display().to_string();
     let text = std::fs::read_to_string(file).map_err(Problem::io(name()))?;
-    serde_json::from_str(&text)
+    serde_json::from_str(text.trim_start_matches('\u{feff}'))
         .map_err(|error| Problem::Other(format!("{}: no figures of jink bench latency: {error}", name())))
 }

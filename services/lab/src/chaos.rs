@@ -1,6 +1,6 @@
-//! `jink chaos`: flights with faults at times drawn by lot.
+//! `jink chaos`: flights with faults at random times.
 
-use jink_control::{EXIT_PROBLEM, Interrupt, Problem, autopilot, places, say, sayln};
+use jink_control::{EXIT_PROBLEM, Interrupt, Problem, arguments, autopilot, places, say, sayln};
 use jink_lab::drill::{APART_S, Fault, SUPERVISOR, drawn};
 use jink_lab::fault_matrix::Campaign;
 use jink_lab::flight_log::Outcome;
@@ -19,8 +19,8 @@ const SOONEST_S: f64 = 0.2;
 /// How many flights, with which faults.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Every flight is that of `jink demo` with some six faults between arming and landing, at times and to services drawn by
-lot: kill (SIGKILL), stop (SIGSTOP, a hang), slow (stopped for most of every 100 ms), swap (for its own binary), garbage
+Every flight is that of `jink demo` with some six faults between arming and landing, at random times and to
+random services: kill (SIGKILL), stop (SIGSTOP, a hang), slow (stopped for most of every 100 ms), swap (for its own binary), garbage
 (on the link). The same seed draws the same faults.
 
 Exit codes: 0 every goal was reached, nothing was touched, the autopilot never fell to Hold; 1 otherwise.")]
@@ -32,13 +32,13 @@ pub struct Args {
     #[arg(long, default_value_t = 0, value_name = "I", hide_default_value = true)]
     only: u64,
     /// Seed of the faults, and of the first flight's world; the next worlds have the seeds after it
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = arguments::seed)]
     seed: u64,
     /// Kinds of faults
     #[arg(long, value_delimiter = ',', default_value = "kill,stop,slow,swap,garbage")]
     faults: Vec<Fault>,
     /// Two faults of a flight are this far to twice this far apart (s)
-    #[arg(long, default_value_t = APART_S, value_name = "S")]
+    #[arg(long, default_value_t = APART_S, value_name = "S", value_parser = arguments::seconds)]
     apart: f64,
     /// Only to these processes; without it to all but the simulator and the supervisor
     #[arg(long, value_delimiter = ',', value_name = "NAME")]

@@ -1,6 +1,8 @@
 //! `jink demo`: a whole system in an instance of its own, a mission through a virtual world, faults on request, figures.
 
-use jink_control::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, autopilot, places, say, sayln};
+use jink_control::{
+    DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, arguments, autopilot, places, say, sayln,
+};
 use jink_lab::drill::{Drill, SUPERVISOR};
 use jink_lab::flight_log::Outcome;
 use jink_lab::picture::World;
@@ -8,7 +10,7 @@ use jink_lab::rig::show::Show;
 use jink_lab::rig::{Flown, Plan, instance, usual_limit_s};
 use jink_runtime::Instance;
 use jink_runtime::config::process_names;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// What to fly.
@@ -16,13 +18,13 @@ use std::process::ExitCode;
 #[command(after_help = "\
 Names for --kill: planner, fusion, bezier, guard, gateway, sensor, supervisor, or any name of the process table.
 
-Exit codes: 0 the goal was reached without a collision; 1 otherwise.")]
+Exit codes: 0 the goal was reached without a collision; 1 otherwise; 2 wrong usage; 78 the system cannot start.")]
 pub struct Args {
     /// Virtual world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, default_value = "forest")]
     world: String,
     /// Seed of the world
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = arguments::seed)]
     seed: u64,
     /// Trees per square metre
     #[arg(long)]
@@ -41,7 +43,7 @@ pub struct Args {
     #[arg(long = "kill", value_name = "NAME@TIMEs")]
     kills: Vec<Drill>,
     /// Longest flight (s) [default: 180 for each leg]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = arguments::seconds)]
     timeout: Option<f64>,
     /// Draw the flight from above
     #[arg(long, value_name = "FILE")]
@@ -97,9 +99,7 @@ impl Args {
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let programs = places::program_folder()?;
     if let Some(file) = &args.svg {
-        // A flight later it would be too late to say so. What was drawn there stays until there is a new picture.
-        let opened = std::fs::File::options().create(true).append(true).open(file);
-        opened.map_err(Problem::io(format!("--svg {}", file.display())))?;
+        writable(file).map_err(Problem::io(format!("--svg {}", file.display())))?;
     }
     let plan = args.plan(programs)?;
     let world = args.svg.as_ref().map(|_| plan.world()).transpose()?;
@@ -129,6 +129,16 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         sayln!("{json}");
     }
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
+}
+
+/// A flight later it would be too late to say that it is not. What was drawn there stays until there is a new picture.
+fn writable(file: &Path) -> std::io::Result<()> {
+    let is_new = !file.exists();
+    std::fs::File::options().create(true).append(true).open(file)?;
+    if is_new {
+        std::fs::remove_file(file)?;
+    }
+    Ok(())
 }
 
 fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {

@@ -145,7 +145,7 @@ impl FromStr for Drill {
         if name.is_empty() {
             return Err(form());
         }
-        let at_s = time.strip_suffix('s').unwrap_or(time).parse().ok();
+        let at_s = time.strip_suffix('s').and_then(|number| number.parse().ok());
         let at_s = at_s.filter(|at_s: &f64| at_s.is_finite() && *at_s >= 0.0);
         let short = SHORT_NAMES.iter().find(|(short, _)| *short == name);
         Ok(Self {
@@ -242,7 +242,7 @@ mod tests {
         for (text, process, at_s) in [
             ("planner@8s", "planner", 8.0),
             ("fusion@2.5s", "obstacle_fusion", 2.5),
-            ("mavlink_gateway@0", "mavlink_gateway", 0.0),
+            ("mavlink_gateway@0s", "mavlink_gateway", 0.0),
             ("sensor@1s", "sensors", 1.0),
         ] {
             let kill: Drill = text.parse().unwrap();
@@ -267,6 +267,7 @@ mod tests {
             "@8s",
             "planner@",
             "planner@-1s",
+            "planner@8",
             "planner@soon",
             "planner@NaNs",
         ] {

@@ -6,7 +6,7 @@ mod chaos;
 mod demo;
 
 use clap::{Parser, Subcommand};
-use jink_control::{DEFAULT_INSTANCE, beside};
+use jink_control::{DEFAULT_INSTANCE, arguments, beside};
 use jink_runtime::{Instance, programs};
 use std::process::ExitCode;
 
@@ -20,7 +20,7 @@ use std::process::ExitCode;
     arg_required_else_help = true
 )]
 struct Cli {
-    /// Which jink on this host (the demonstration takes one of its own)
+    /// Which jink on this host; without it a demonstration takes one of its own
     #[arg(long, global = true, default_value = DEFAULT_INSTANCE)]
     instance: Instance,
     #[command(subcommand)]
@@ -35,7 +35,7 @@ enum Command {
     Chaos(chaos::Args),
     /// Fly many missions in virtual worlds, faster than real time, and count
     Campaign(beside::Args),
-    /// Drive a simulated pilot at walls, and plot how near he comes
+    /// Drive a simulated pilot at walls, and plot how near the vehicle comes
     Approach(beside::Args),
     /// Measure this board: how long the way from the sensor to the wire takes, and parts of jink beside what others have
     Bench(bench::Args),
@@ -46,7 +46,7 @@ fn main() -> ExitCode {
         return jink_simulator::program::main();
     }
     jink_runtime::descriptors::reserve();
-    let cli = Cli::parse();
+    let cli: Cli = arguments::parse();
     // Also keeps the transport's own messages to what is wrong.
     jink_runtime::logging::init("jink", tracing::Level::ERROR);
     let outcome = match cli.command {

@@ -1,6 +1,7 @@
 //! How a vehicle that is pushed at obstacles comes to rest: jink and PX4 side by side, in lock-step.
 
 use clap::Parser;
+use jink_control::arguments;
 use jink_tests::approach::{
     Approach, Ending, Filter, Moment, Scene, Who, cells, fly, is_drawn, plots, table,
 };
@@ -17,29 +18,37 @@ use std::time::Instant;
 ///
 /// Exit codes: 0 nothing was hit with jink; 1 something was; 2 wrong arguments.
 #[derive(Parser)]
-#[command(version)]
+#[command(name = "jink approach", bin_name = "jink approach", version)]
 struct Arguments {
     /// Only these scenes: wall, post, corner, narrow_gap, wide_gap, corridor, crossing, towards
     #[arg(long, value_delimiter = ',', value_parser = scene)]
     scene: Vec<Scene>,
     /// Only these speeds (m/s)
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', value_parser = speed)]
     speed: Vec<f64>,
     /// Only these delays of the sensor (s)
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', value_parser = delay)]
     delay: Vec<f64>,
     /// A few speeds and delays, everything head-on
     #[arg(long)]
     quick: bool,
     /// Approaches at a time
-    #[arg(long, default_value_t = 2)]
-    jobs: usize,
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: u16,
     /// File for one JSON object per approach
     #[arg(long)]
     json: Option<PathBuf>,
     /// Folder for plots
     #[arg(long)]
     svg: Option<PathBuf>,
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    arguments::number(text, 0.1..=20.0)
+}
+
+fn delay(text: &str) -> Result<f64, String> {
+    arguments::number(text, 0.0..=2.0)
 }
 
 fn scene(name: &str) -> Result<Scene, String> {
@@ -50,7 +59,7 @@ fn scene(name: &str) -> Result<Scene, String> {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments: Arguments = arguments::parse();
     let begin = Instant::now();
     match run(&arguments) {
         Ok(approaches) => {
@@ -66,7 +75,7 @@ fn main() -> ExitCode {
             ExitCode::from(u8::from(approaches.iter().any(hits)))
         }
         Err(error) => {
-            eprintln!("jink-approach: {error}");
+            eprintln!("jink approach: {error}");
             ExitCode::from(2)
         }
     }
@@ -89,7 +98,7 @@ fn run(arguments: &Arguments) -> Result<Vec<Approach>, String> {
     let next = AtomicUsize::new(0);
     let mut flown: Vec<(usize, Approach, Vec<Moment>)> = Vec::with_capacity(wanted.len());
     std::thread::scope(|scope| {
-        for _ in 0..arguments.jobs.max(1) {
+        for _ in 0..arguments.jobs {
             let (sender, next, wanted) = (sender.clone(), &next, &wanted);
             scope.spawn(move || {
                 loop {

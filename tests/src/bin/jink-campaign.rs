@@ -1,7 +1,9 @@
 //! Flight campaigns in lock-step: deterministic, seeded, faster than real time.
 
 use clap::Parser;
-use jink_simulated_world::world::WorldKind;
+use jink_control::arguments;
+use jink_shared_types::params::OA_SPD_MAX;
+use jink_simulated_world::world::{MAX_DENSITY_PER_M2, WorldKind};
 use jink_tests::campaign::variation::Variations;
 use jink_tests::campaign::{
     Cell, FlightOutcome, FlightReport, FlownFlight, SPHERE, fly_drawn, plot, recorded, sensor_set,
@@ -24,7 +26,7 @@ use std::time::Instant;
 ///
 /// Exit codes: 0 no collision; 1 a collision; 2 wrong arguments.
 #[derive(Parser)]
-#[command(version)]
+#[command(name = "jink campaign", bin_name = "jink campaign", version)]
 struct Arguments {
     /// Print all suites and their cells, and fly nothing
     #[arg(long)]
@@ -41,10 +43,10 @@ struct Arguments {
     #[arg(long)]
     sensor: Option<String>,
     /// Trees per square metre (forests only; default 1/25)
-    #[arg(long)]
+    #[arg(long, value_parser = density)]
     density: Option<f64>,
     /// Highest speed (m/s); default: that of the cell, 3 in a world
-    #[arg(long)]
+    #[arg(long, value_parser = speed)]
     speed: Option<f64>,
     /// Autopilot and profile: px4_trajectory, px4_offboard, px4_2021_offboard, px4_deviation, ardupilot_guided. Default:
     /// px4_offboard in suites, px4_trajectory in worlds
@@ -61,13 +63,13 @@ struct Arguments {
     #[arg(long, default_value = "1..20", value_parser = seeds)]
     seeds: (u64, u64),
     /// Flights at a time
-    #[arg(long, default_value_t = 2)]
-    jobs: usize,
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: u16,
     /// Part of the campaign to fly, I/N, for several machines
     #[arg(long, default_value = "1/1", value_parser = shard)]
     shard: (u64, u64),
     /// Longest mission (s); default 180 in suites (300 in mazes), 120 in worlds
-    #[arg(long)]
+    #[arg(long, value_parser = arguments::seconds)]
     timeout: Option<f64>,
     /// File for one JSON object per flight
     #[arg(long)]
@@ -90,14 +92,21 @@ struct Arguments {
     verbose: bool,
 }
 
+fn speed(text: &str) -> Result<f64, String> {
+    arguments::number(text, OA_SPD_MAX.min..=OA_SPD_MAX.max)
+}
+
+fn density(text: &str) -> Result<f64, String> {
+    arguments::number(text, 0.001..=MAX_DENSITY_PER_M2)
+}
+
 fn pairing(text: &str) -> Result<Pairing, String> {
     Pairing::named(text).ok_or_else(|| format!("no profile {text:?}"))
 }
 
 fn seeds(text: &str) -> Result<(u64, u64), String> {
     let parts = text.split_once("..").ok_or("expected FIRST..LAST")?;
-    let number = |part: &str| part.parse::<u64>().map_err(|error| error.to_string());
-    match (number(parts.0)?, number(parts.1)?) {
+    match (arguments::seed(parts.0)?, arguments::seed(parts.1)?) {
         (first, last) if first <= last => Ok((first, last)),
         _ => Err("the first seed must not exceed the last".to_owned()),
     }
@@ -113,7 +122,7 @@ fn shard(text: &str) -> Result<(u64, u64), String> {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments: Arguments = arguments::parse();
     if arguments.list {
         print!("{}", suite::list());
         return ExitCode::SUCCESS;
@@ -121,7 +130,7 @@ fn main() -> ExitCode {
     match fly_all(&arguments) {
         Ok(is_without_collision) => ExitCode::from(u8::from(!is_without_collision)),
         Err(error) => {
-            eprintln!("jink-campaign: {error}");
+            eprintln!("jink campaign: {error}");
             ExitCode::from(2)
         }
     }
@@ -210,7 +219,7 @@ fn run(arguments: &Arguments, cells: &[Cell]) -> Result<Vec<FlightReport>, Strin
     let (sender, receiver) = mpsc::channel();
     let next = std::sync::atomic::AtomicUsize::new(0);
     std::thread::scope(|scope| {
-        for _ in 0..arguments.jobs.max(1) {
+        for _ in 0..arguments.jobs {
             let (sender, next, open) = (sender.clone(), &next, &open);
             scope.spawn(move || {
                 while let Some((cell, seed)) =
@@ -291,9 +300,11 @@ fn draw(folder: &Path, flown: &FlownFlight) -> Result<(), String> {
     let varied = report.variation.map_or(String::new(), |variation| {
         format!("_{}_{}", variation.quantity.name(), variation.value)
     });
-    let file = folder.join(format!(
-        "{}_{}{varied}_{}.svg",
-        report.cell, report.sensor, report.seed
+    let file = folder.join(table::picture_file(
+        &report.cell,
+        &report.sensor,
+        &varied,
+        report.seed,
     ));
     let svg = flown.course.svg(&flown.world, &title)?;
     std::fs::write(&file, svg).map_err(|error| format!("{}: {error}", file.display()))

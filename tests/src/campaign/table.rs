@@ -3,6 +3,7 @@
 use super::{FlightOutcome, FlightReport, percentiles};
 use crate::suite::anchors::{self, Anchor};
 use std::fmt::Write as _;
+use std::path::Path;
 
 /// Flights by their outcome.
 fn count(reports: &[&FlightReport], outcome: FlightOutcome) -> usize {
@@ -264,9 +265,26 @@ pub fn line(report: &FlightReport) -> String {
     )
 }
 
+/// The file of a flight's picture, without a folder. A world of the user's own is called by its path, of which the last part is enough.
+pub fn picture_file(cell: &str, sensor: &str, varied: &str, seed: u64) -> String {
+    let cell = Path::new(cell).file_stem().unwrap_or(cell.as_ref());
+    format!("{}_{sensor}{varied}_{seed}.svg", cell.display())
+}
+
 #[cfg(test)]
 mod tests {
-    use super::wilson;
+    use super::{picture_file, wilson};
+
+    #[test]
+    fn a_picture_goes_into_the_folder_that_was_asked_for_whatever_the_world_is_called() {
+        assert_eq!(picture_file("forest", "mid360", "", 7), "forest_mid360_7.svg");
+        for world in ["/home/me/walls.toml", "worlds/walls.toml", "walls.toml"] {
+            assert_eq!(
+                picture_file(world, "sphere", "_speed_3", 1),
+                "walls_sphere_speed_3_1.svg"
+            );
+        }
+    }
 
     #[test]
     fn the_interval_is_wilsons() {

@@ -15,6 +15,9 @@ pub struct Args {
 #[derive(Debug, clap::Subcommand)]
 enum Subcommand {
     /// Write every return of a recording (pcap, pcapng) as a line: scan,row,column,range_m,x_m,y_m,z_m in the sensor frame
+    #[command(
+        after_help = "Exit codes: 0 written; 1 the recording, or what belongs to it, is of no use; 2 wrong usage."
+    )]
     Dump {
         /// The recording
         #[arg(long, value_name = "FILE")]

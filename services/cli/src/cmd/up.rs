@@ -3,9 +3,10 @@
 use jink_control::narrate::{Narrator, health_line, is_standing_by};
 use jink_control::sayln;
 use jink_control::supervisor::{StartOptions, Supervisor, exit_code};
-use jink_control::{Interrupt, Problem, autopilot, places, ports, worlds};
+use jink_control::{Interrupt, Problem, arguments, autopilot, places, ports, running, worlds};
 use jink_runtime::Instance;
 use jink_runtime::config::Config;
+use jink_runtime::service::EXIT_CANNOT_START;
 use jink_shared_types::health::{Health, SystemStatus};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
@@ -37,7 +38,7 @@ pub struct Args {
     #[arg(long)]
     world: Option<String>,
     /// Seed of the world
-    #[arg(long, requires = "world")]
+    #[arg(long, requires = "world", value_parser = arguments::seed)]
     seed: Option<u64>,
     /// Trees per square metre
     #[arg(long, requires = "world")]
@@ -66,6 +67,15 @@ const STANDBY_IN_A_WORLD_FOR: Duration = Duration::from_secs(5);
 
 /// Starts the instance and watches it until Ctrl-C, or until it is started.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    if let Some(running) = running::find(instance)? {
+        return Err(Problem::NotUp {
+            reason: format!(
+                "cannot start: instance {instance} is already up, held by the supervisor with process id {}",
+                running.pid
+            ),
+            code: EXIT_CANNOT_START,
+        });
+    }
     let interrupt = Interrupt::listen()?;
     let mut supervisor = Supervisor::start(instance, &options(args)?)?;
     let mut watch = supervisor.watch(&interrupt)?;

@@ -218,7 +218,7 @@ impl Plan {
             let words = String::from_utf8_lossy(&answer.stderr);
             return Err(Problem::Other(format!(
                 "the world cannot be made: {}",
-                words.trim()
+                words.trim().trim_start_matches("jink: ")
             )));
         }
         serde_json::from_slice(&answer.stdout).map_err(|error| {

@@ -19,6 +19,45 @@ fn what_cannot_be_understood_is_two_and_says_how_to_write_it() {
 }
 
 #[test]
+fn every_wrong_argument_is_refused_with_what_is_possible() {
+    for (line, cause) in [
+        ("demo --timeout 0", "possible are 0.001 to 86400"),
+        ("demo --timeout -5", "possible are 0.001 to 86400"),
+        ("demo --seed -1", "possible are whole numbers from 0"),
+        ("demo --legs 0", "0 is not in 1..=1000"),
+        ("demo --speed fast", "invalid value 'fast'"),
+        ("demo --sped 3", "'--speed'"),
+        (
+            "demo --kill planner@8",
+            "is no time after the start of the mission, e.g. 8s",
+        ),
+        (
+            "demo --kill planner@-1s",
+            "is no time after the start of the mission, e.g. 8s",
+        ),
+        ("demo --kill @8s", "write NAME@TIMEs"),
+        ("demo --wind 99,0", "at most 30 m/s"),
+        ("chaos --flights -1", "-1"),
+        ("chaos --apart 0", "possible are 0.001 to 86400"),
+        ("chaos --faults kil", "choose of kill"),
+        ("bench", "Usage: jink bench"),
+        ("bench latency --points 1", "1 is not in 100..="),
+        ("bench latency --rates 0", "possible are 1 to 100"),
+        ("bench latency --seconds -3", "possible are 1 to 3600"),
+        ("bench latency --sensors 0", "0 is not in 1..="),
+    ] {
+        let arguments: Vec<&str> = line.split(' ').collect();
+        let refused = lab(&arguments);
+        assert_eq!(refused.status.code(), Some(2), "{line}: {refused:?}");
+        assert!(
+            words(&refused.stderr).contains(cause),
+            "{line}: {}",
+            words(&refused.stderr)
+        );
+    }
+}
+
+#[test]
 fn what_would_measure_nothing_is_wrong_usage() {
     assert_eq!(lab(&["chaos", "--flights", "0"]).status.code(), Some(2));
     let demo = lab(&["demo", "--svg", "/nowhere/flight.svg"]);

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// Prints the obstacles of a world: local NED, heights up
 #[derive(Parser)]
-#[command(name = "jink-simulator world", bin_name = "jink-simulator world", version)]
+#[command(name = "jink world", bin_name = "jink world", version)]
 struct Arguments {
     /// Kind of world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, default_value = "forest")]
@@ -29,7 +29,7 @@ pub fn run() -> ExitCode {
     let world = match settings::build(&arguments.world, arguments.seed, arguments.density) {
         Ok(world) => world,
         Err(error) => {
-            eprintln!("jink-simulator world: {error}");
+            eprintln!("jink: {error}");
             return ExitCode::from(2);
         }
     };
@@ -37,7 +37,7 @@ pub fn run() -> ExitCode {
         // Whoever reads has seen enough (`| head`).
         Err(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("jink-simulator world: {error}");
+            eprintln!("jink: {error}");
             ExitCode::FAILURE
         }
         Ok(()) => ExitCode::SUCCESS,
