@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | [`view::status`] | `system/status`, `link/status` | one screen, or JSON |
 //! | [`view::top`] | the same, rates of topics, events | a screen that is drawn again and again |
-//! | [`view::topics`], [`view::topic_statistics`], [`view::digest`], [`view::sample_json`] | topic table, headers, samples | topics, their rates, what they say |
+//! | [`view::topics`], [`view::topic_statistics`], [`view::sample_text`], [`view::sample_json`] | topic table, headers, samples | topics, their rates, what they say |
 //! | [`view::schema`] | topic table, shapes of samples | a table, a C header, a Python module, JSON |
 //! | [`view::params`] | parameter table, `parameters` | a table, or JSON |
 //! | [`view::ring`] | `guard/ring` | a picture of characters, or JSON |

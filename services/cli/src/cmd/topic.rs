@@ -1,13 +1,13 @@
 //! `jink topic`: which topics there are, how fast they come, what they say.
 
-use jink_cli::view::digest::{Digest, header_line};
 use jink_cli::view::sample_json;
+use jink_cli::view::sample_text::{self, header_line};
 use jink_cli::view::topic_statistics::TopicStatistics;
 use jink_cli::view::topics::Listed;
 use jink_control::members::Members;
 use jink_control::meter::Meter;
 use jink_control::watch::{PROGRAM, Watch};
-use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
+use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, arguments, running};
 use jink_control::{say, sayln};
 use jink_runtime::config::Foreign;
 use jink_runtime::{Checks, Instance, OpenError, Session};
@@ -31,6 +31,7 @@ pub struct Args {
 #[derive(Clone, Debug, clap::Subcommand)]
 enum Doing {
     /// Every topic with its payload, rate, age limit, producers and readers
+    #[command(after_help = "Exit codes: 0 shown; 1 anything else.")]
     List {
         /// One JSON array instead of a table
         #[arg(long)]
@@ -42,7 +43,7 @@ enum Doing {
         /// Its name, e.g. range/cloud/front
         topic: String,
         /// How long to measure (s)
-        #[arg(long = "for", value_name = "S", default_value_t = 5.0)]
+        #[arg(long = "for", value_name = "S", default_value_t = 5.0, value_parser = arguments::seconds)]
         seconds: f64,
         /// One JSON object instead of a line
         #[arg(long)]
@@ -54,7 +55,7 @@ enum Doing {
         /// Its name, e.g. vehicle/state
         topic: String,
         /// End after so many samples (default: with Ctrl-C)
-        #[arg(long)]
+        #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
         count: Option<u64>,
         /// Show long lists in full
         #[arg(long)]
@@ -63,7 +64,7 @@ enum Doing {
         #[arg(long, conflicts_with = "full")]
         json: bool,
         /// End when nothing has come for so long (s)
-        #[arg(long, value_name = "S")]
+        #[arg(long, value_name = "S", value_parser = arguments::seconds)]
         timeout: Option<f64>,
     },
 }
@@ -283,10 +284,8 @@ impl Visitor for Echo<'_> {
                 if wanted && json {
                     wanted = show(sample_json::sample(name, stamped.header, stamped.sample).to_string());
                 } else if wanted {
-                    let mut text = Digest::new(full);
-                    // Writing into a string cannot fail.
-                    let _infallible = writeln!(text, "{:#?}", stamped.sample);
-                    wanted = show(format!("{}\n{}", header_line(stamped.header), text.finish()));
+                    let text = sample_text::text(stamped.sample, full);
+                    wanted = show(format!("{}\n{text}", header_line(stamped.header)));
                 }
             });
         })

@@ -1,9 +1,9 @@
 //! What the commands show, as functions of what they have read.
 
-pub mod digest;
 pub mod params;
 pub mod ring;
 pub mod sample_json;
+pub mod sample_text;
 pub mod schema;
 pub mod status;
 pub mod top;

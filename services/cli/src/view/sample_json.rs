@@ -21,8 +21,13 @@ pub fn sample<T: Layout>(topic: &str, header: &SampleHeader, sample: &T) -> Valu
     json!({
         "topic": topic,
         "header": self::header(header),
-        "sample": value(&T::SHAPE, bytes_of(sample)),
+        "sample": of(sample),
     })
+}
+
+/// The sample alone.
+pub fn of<T: Layout>(sample: &T) -> Value {
+    value(&T::SHAPE, bytes_of(sample))
 }
 
 /// One sample whose payload only its own programs know.
