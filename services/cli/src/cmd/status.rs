@@ -1,6 +1,6 @@
 //! `jink status`.
 
-use jink_cli::view::status::{PostMortem, Report, exit_code};
+use jink_cli::view::status::{LEGEND, PostMortem, Report, exit_code};
 use jink_control::watch::{SpaceWatch, Watch};
 use jink_control::{EXIT_NOT_RUNNING, Problem, running};
 use jink_control::{say, sayln};
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// How to look.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Exit codes: 0 healthy; 1 starting, degraded, stopping, or not ready; 2 failed; 3 not running."
+    after_help = format!("{LEGEND}\nExit codes: 0 healthy; 1 starting, degraded, stopping, or not ready; 2 failed; 3 not running.")
 )]
 pub struct Args {
     /// One JSON object instead of a screen

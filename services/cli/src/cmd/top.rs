@@ -1,7 +1,7 @@
 //! `jink top`.
 
-use jink_cli::view::status::Report;
-use jink_cli::view::top::{Rate, Screen};
+use jink_cli::view::status::{LEGEND, Report};
+use jink_cli::view::top::{Pressed, Rate, Screen};
 use jink_cli::view::topic_statistics::TopicStatistics;
 use jink_control::members::Members;
 use jink_control::meter::Meter;
@@ -13,8 +13,6 @@ use jink_shared_types::events::EventSample;
 use jink_shared_types::topics::{EVENT, HEALTH, TABLE};
 use ratatui::Terminal;
 use ratatui::backend::{Backend, TermionBackend};
-use ratatui::termion::event::Key;
-use ratatui::termion::input::TermRead;
 use ratatui::termion::raw::IntoRawMode;
 use ratatui::termion::screen::IntoAlternateScreen;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -29,8 +27,6 @@ const LOOK: Timespec = Timespec {
 };
 /// Rates are counted over this time, and the screen is drawn this often.
 const WINDOW: Duration = Duration::from_secs(1);
-/// Topics that a page key scrolls.
-const PAGE: isize = 8;
 /// Columns where there is no terminal to ask.
 const WIDTH: u16 = 160;
 /// A supervisor that is silent for so long does not work.
@@ -39,7 +35,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// How to look.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Keys: up, down, PgUp, PgDn, Home and End scroll the topics; q ends it.\n\nExit codes: 0 shown; 1 the supervisor gives no status; 3 not running."
+    after_help = format!("Keys: up, down, PgUp, PgDn, Home and End scroll the topics; Tab shows topics alone, services alone, both again; q ends it.\n\n{LEGEND}\nExit codes: 0 shown; 1 the supervisor gives no status; 3 not running.")
 )]
 pub struct Args {
     /// Show one screen as plain text and end
@@ -94,18 +90,16 @@ fn show(live: &mut Live, interrupt: &Interrupt) -> Result<ExitCode, Problem> {
         // Interrupted by a signal: the loop looks at it.
         let pressed = poll(&mut fds, Some(&LOOK)).unwrap_or(0) > 0;
         if pressed {
-            let lines = match stdin.lock().keys().next() {
-                Some(Ok(Key::Char('q') | Key::Ctrl('c') | Key::Esc)) | None => break,
-                Some(Ok(Key::Up | Key::Char('k'))) => -1,
-                Some(Ok(Key::Down | Key::Char('j'))) => 1,
-                Some(Ok(Key::PageUp)) => -PAGE,
-                Some(Ok(Key::PageDown | Key::Char(' '))) => PAGE,
-                Some(Ok(Key::Home)) => isize::MIN,
-                Some(Ok(Key::End)) => isize::MAX,
-                _ => continue,
-            };
+            // All that was typed meanwhile, before the screen is drawn once. A reader with a buffer of its own would keep the rest
+            // of it until the next key.
+            let mut typed = [0; 256];
+            let count = rustix::io::read(&stdin, &mut typed).unwrap_or(0);
+            let keys = Pressed::of(&typed[..count]);
+            if count == 0 || keys.contains(&Pressed::End) {
+                break;
+            }
             if let Some(screen) = &mut live.screen {
-                screen.scroll(lines);
+                keys.into_iter().for_each(|key| screen.press(key));
             }
             live.draw(&mut terminal).map_err(io("terminal"))?;
         }
@@ -195,16 +189,11 @@ impl Live {
                 statistics: std::mem::take(statistics),
             })
             .collect();
-        let (events, scrolled) = self
-            .screen
-            .take()
-            .map(|screen| (screen.events, screen.scrolled))
-            .unwrap_or_default();
+        let before = self.screen.take().unwrap_or_else(|| Screen::of(report.clone()));
         let mut screen = Screen {
             report,
             rates,
-            events,
-            scrolled,
+            ..before
         };
         self.new_events.drain(..).for_each(|line| screen.push_event(line));
         self.screen = Some(screen);

@@ -303,6 +303,19 @@ pub fn exit_code(health: Health) -> u8 {
     }
 }
 
+/// What the columns of the table of services say, for the help of whatever shows it.
+pub const LEGEND: &str = "\
+Columns of the services:
+  state      active, or why not; ! it is essential and not active
+  restarts   since the system came up; last exit is how it ended, and why it was replaced
+  beat ms    age of its last heartbeat: one comes every 50 ms, and two missed ones are a hang (heartbeat_timeout_ms)
+  cycle ms   how long it computed each time, in the last seconds: median, 99th percentile, and the longest since its start
+  budget ms  how long a cycle may be
+  misses     cycles over the budget, and inputs that came too late
+  inputs     how many of the inputs that it needs are fresh, of how many
+  cpu %      of one core, since its start
+";
+
 /// Columns of the table of services.
 pub const COLUMNS: usize = 12;
 const HEADER: [&str; COLUMNS] = [

@@ -7,6 +7,8 @@ use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
+use ratatui::termion::event::Key;
+use ratatui::termion::input::TermRead;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Cell, Paragraph, Row, Table, Widget};
 
@@ -28,6 +30,53 @@ pub struct Rate {
     pub statistics: TopicStatistics,
 }
 
+/// What fills the screen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Showing {
+    /// Services, and topics in the lines that are left.
+    #[default]
+    Both,
+    /// Topics.
+    Topics,
+    /// Services.
+    Services,
+}
+
+/// A key that was pressed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pressed {
+    /// Enough was seen.
+    End,
+    /// So many lines of topics.
+    Scroll(isize),
+    /// Something else is to fill the screen.
+    Next,
+}
+
+/// Topics that a page key scrolls.
+const PAGE: isize = 8;
+
+impl Pressed {
+    /// The keys in what was typed.
+    pub fn of(typed: &[u8]) -> Vec<Self> {
+        let keys = typed.keys().filter_map(Result::ok);
+        keys.filter_map(|key| {
+            Some(match key {
+                Key::Char('q') | Key::Ctrl('c') | Key::Esc => Self::End,
+                Key::Up | Key::Char('k') => Self::Scroll(-1),
+                Key::Down | Key::Char('j') => Self::Scroll(1),
+                Key::PageUp => Self::Scroll(-PAGE),
+                Key::PageDown | Key::Char(' ') => Self::Scroll(PAGE),
+                Key::Home => Self::Scroll(isize::MIN),
+                Key::End => Self::Scroll(isize::MAX),
+                Key::Char('\t') => Self::Next,
+                _ => return None,
+            })
+        })
+        .collect()
+    }
+}
+
 /// Everything on the screen.
 #[derive(Clone, Debug)]
 pub struct Screen {
@@ -39,6 +88,8 @@ pub struct Screen {
     pub events: Vec<String>,
     /// How many topics are scrolled away above the first that is shown.
     pub scrolled: usize,
+    /// What fills it.
+    pub showing: Showing,
 }
 
 /// Where things are on a screen. What does not fit is left out in this order: all events but the last, topics (they can be
@@ -55,9 +106,10 @@ struct Areas {
 impl Areas {
     fn of(screen: &Screen, area: Rect) -> Self {
         let lines = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
-        let services = lines(screen.report.services.len() + 1);
-        let link = lines(screen.hops(area.width).len());
-        let rates = lines(screen.rates.len() + 1);
+        let unless = |other: Showing, count: usize| if screen.showing == other { 0 } else { lines(count) };
+        let services = unless(Showing::Topics, screen.report.services.len() + 1);
+        let link = unless(Showing::Topics, screen.hops(area.width).len());
+        let rates = unless(Showing::Services, screen.rates.len() + 1);
         let events = lines(screen.events.len()).max(1);
         let spared = area.height.saturating_sub(2 + services + link);
         let events = events.min(spared.saturating_sub(rates).max(1));
@@ -87,6 +139,32 @@ impl Areas {
 }
 
 impl Screen {
+    /// With the services of `report`, and nothing else yet.
+    pub fn of(report: Report) -> Self {
+        Self {
+            report,
+            rates: Vec::new(),
+            events: Vec::new(),
+            scrolled: 0,
+            showing: Showing::default(),
+        }
+    }
+
+    /// Does what the key asks for.
+    pub fn press(&mut self, key: Pressed) {
+        match key {
+            Pressed::End => {}
+            Pressed::Scroll(lines) => self.scroll(lines),
+            Pressed::Next => {
+                self.showing = match self.showing {
+                    Showing::Both => Showing::Topics,
+                    Showing::Topics => Showing::Services,
+                    Showing::Services => Showing::Both,
+                };
+            }
+        }
+    }
+
     /// Adds an event; the oldest goes.
     pub fn push_event(&mut self, line: String) {
         if self.events.len() == EVENTS {
@@ -171,12 +249,12 @@ impl Screen {
 
     fn foot(&self, fit: usize) -> Line<'_> {
         let (first, all) = (self.scrolled + 1, self.rates.len());
-        let text = match all > fit {
+        let text = match all > fit && fit > 0 {
             true => format!(
-                "q ends this   up, down, PgUp, PgDn: topics {first} to {} of {all}",
+                "q ends this   Tab: topics alone   up, down, PgUp, PgDn: topics {first} to {} of {all}",
                 (self.scrolled + fit).min(all)
             ),
-            false => "q ends this".to_owned(),
+            false => "q ends this   Tab: topics, services, both".to_owned(),
         };
         Line::styled(text, Style::new().add_modifier(Modifier::DIM))
     }
@@ -290,7 +368,7 @@ fn heading<const N: usize>(cells: [Cell<'_>; N]) -> Row<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Rate, Screen, wrapped};
+    use super::{Pressed, Rate, Screen, wrapped};
     use crate::view::status::Report;
     use crate::view::topic_statistics::TopicStatistics;
     use jink_shared_types::coded::{Coded, Flag};
@@ -309,15 +387,14 @@ mod tests {
                 ..SampleHeader::default()
             });
         }
+        let report = Report::new("default", Timestamp::from_seconds(5.0), &status, None, Vec::new());
         let mut screen = Screen {
-            report: Report::new("default", Timestamp::from_seconds(5.0), &status, None, Vec::new()),
             rates: vec![Rate {
                 name: "map/local".to_owned(),
                 row: LOCAL_MAP.row,
                 statistics,
             }],
-            events: Vec::new(),
-            scrolled: 0,
+            ..Screen::of(report)
         };
         for n in 0..20 {
             screen.push_event(format!("event {n}"));
@@ -352,12 +429,43 @@ mod tests {
             row: LOCAL_MAP.row,
             statistics: TopicStatistics::default(),
         });
+        let report = Report::new("default", Timestamp::from_seconds(5.0), &status, None, Vec::new());
         Screen {
-            report: Report::new("default", Timestamp::from_seconds(5.0), &status, None, Vec::new()),
             rates: rates.collect(),
             events: vec!["planner: restarted".to_owned()],
-            scrolled: 0,
+            ..Screen::of(report)
         }
+    }
+
+    #[test]
+    fn every_key_that_was_typed_at_once_counts() {
+        // Down, down, page down, up.
+        let keys = Pressed::of(b"\x1b[B\x1b[B\x1b[6~\x1b[A");
+        let mut screen = crowded();
+        keys.into_iter().for_each(|key| screen.press(key));
+        assert_eq!(screen.scrolled, 9);
+        assert_eq!(Pressed::of(b"jq"), [Pressed::Scroll(1), Pressed::End]);
+    }
+
+    #[test]
+    fn topics_alone_and_services_alone_fill_a_small_screen() {
+        let mut screen = crowded();
+        let shown = |screen: &Screen| {
+            let text = screen.text_of(80, 24);
+            (
+                text.matches("range/scan/").count(),
+                text.matches("mavlink_gateway_").count(),
+            )
+        };
+        let (few, all) = shown(&screen);
+        assert!(few < 12 && all == 8);
+        screen.press(Pressed::Next);
+        let (topics, services) = shown(&screen);
+        assert!(topics >= 20 && services == 0, "{topics} {services}");
+        screen.press(Pressed::Next);
+        assert_eq!(shown(&screen), (0, 8));
+        screen.press(Pressed::Next);
+        assert_eq!(shown(&screen), (few, all));
     }
 
     #[test]
