@@ -400,11 +400,15 @@ impl Summary {
             [] => String::new(),
             stages => format!("\n    of that p50/p99: {}", StageLatency::line(stages)),
         };
+        let verdict = format!(
+            "{} (world {}, seed {}){reason}",
+            self.outcome, self.world, self.seed
+        );
+        if self.flight_time_s <= 0.0 {
+            return format!("{verdict}\n  the mission never began\n");
+        }
         let lines = [
-            format!(
-                "{} (world {}, seed {}){reason}",
-                self.outcome, self.world, self.seed
-            ),
+            verdict,
             format!("  {} collisions, {clearance}", self.collisions),
             format!("  declared: {}", or_nothing(&self.declarations)),
             format!(
@@ -569,16 +573,12 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_that_never_began_has_a_summary_with_a_reason() {
+    fn a_flight_that_never_began_has_a_reason_and_no_figures() {
         let reason = "no simulator".to_owned();
         let summary = FlightLog::default().summary(&Outcome::Failed { reason }, "gap", 1, 0, Vec::new());
         assert_eq!(summary.min_clearance_m, None);
         assert_eq!(summary.latency_max_ms, None);
-        assert!(summary.text().contains("  capture to wire -\n") && !summary.text().contains("of that"));
-        assert!(
-            summary
-                .text()
-                .starts_with("failed (world gap, seed 1): no simulator\n")
-        );
+        let text = "failed (world gap, seed 1): no simulator\n  the mission never began\n";
+        assert_eq!(summary.text(), text, "no figures of nothing");
     }
 }

@@ -27,7 +27,7 @@ const GRID_M: f64 = 10.0;
 const TITLE: f64 = 15.0;
 const LETTERS: f64 = 13.0;
 const SMALL: f64 = 10.0;
-/// Marks of time are at least this far apart (m).
+/// What is written beside marks of time is at least this far apart (m).
 const MARKS_APART_M: f64 = 4.0;
 /// Edge of a sensed cell (m).
 const CELL_M: f64 = jink_shared_types::map::CELL_M;
@@ -171,7 +171,7 @@ fn speed_colour(speed_mps: f64, fastest_mps: f64) -> Colour {
     }))
 }
 
-/// A dot with the time and the height every so many seconds; fewer where the vehicle is slow, so that they can be read.
+/// A dot every so many seconds, with the time and the height where there is room for words.
 fn time_marks(group: &mut Group, frame: &Frame, course: &[CoursePoint]) {
     let (Some(first), Some(last)) = (course.first(), course.last()) else {
         return;
@@ -183,16 +183,19 @@ fn time_marks(group: &mut Group, frame: &Frame, course: &[CoursePoint]) {
         let is_near = |other: &CoursePoint| {
             (point.north_m - other.north_m).hypot(point.east_m - other.east_m) < MARKS_APART_M
         };
-        if point.time_s < due_s || marked.is_some_and(is_near) {
+        if point.time_s < due_s {
             continue;
         }
-        marked = Some(point);
+        due_s = ((point.time_s / step_s).floor() + 1.0) * step_s;
         let (x, y) = frame.at(point.north_m, point.east_m);
         let dot = Style::filled(Colour::WHITE).stroke(Colour::hex(0x222222));
         group.circle((x, y), 3.5, dot);
+        if marked.is_some_and(is_near) {
+            continue;
+        }
+        marked = Some(point);
         let words = format!("{:.0} s, {:.1} m up", point.time_s, point.up_m);
         group.text((x + 5.0, y + 13.0), Letters::START.size(SMALL), &words);
-        due_s = ((point.time_s / step_s).floor() + 1.0) * step_s;
     }
 }
 
@@ -376,6 +379,34 @@ mod tests {
         let groups = picture.matches("<g ").count();
         assert!(groups == 3 && groups == picture.matches("</g>").count());
         assert!(picture.trim_end().ends_with("</svg>"));
+    }
+
+    #[test]
+    fn a_vehicle_that_waits_is_marked_in_time_and_written_beside_where_there_is_room() {
+        let world: World = serde_json::from_str(WORLD).unwrap();
+        // Ten seconds on one spot, then ten metres within as many seconds.
+        let course: Vec<CoursePoint> = (0..=20)
+            .map(|second| CoursePoint {
+                time_s: f64::from(second),
+                ..point(f64::from((second - 10).max(0)), 1.0)
+            })
+            .collect();
+        let picture = svg(&Scene {
+            world: &world,
+            course: &course,
+            sensed: &[],
+            faults: &[],
+            title: "",
+        });
+        let step_s = super::chart::time_step_s(20.0);
+        let marks = (20.0 / step_s) as usize + 1;
+        assert_eq!(picture.matches("r=\"3.5\"").count(), marks);
+        let written: Vec<f64> = picture
+            .split(" s, ")
+            .filter_map(|before| before.rsplit('>').next()?.parse().ok())
+            .collect();
+        assert!(written.len() < marks && written.len() > 2, "{written:?}");
+        assert!(written.iter().all(|time_s| time_s % step_s == 0.0), "{written:?}");
     }
 
     #[test]
