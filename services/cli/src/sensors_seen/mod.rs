@@ -3,7 +3,7 @@
 //! | in | out |
 //! |---|---|
 //! | `range/scan/*`, `range/cloud/*` of every configured sensor ([`SensorSeen`]) | whether it sends data, in time, and credibly |
-//! | `guard/ring` ([`RingSeen`]) | which directions nobody sees, and what that means with these parameters |
+//! | `guard/ring` ([`RingSeen`]) | which directions no sensor covers, and what that means with these parameters |
 //! | `map/local`, `plan/route` ([`KnownSpace`]) | what is declared, and which directions are missing |
 //! | `map/local` | faults of sensors that showed in flight |
 //! | `vehicle/state`, events | whether ranges can be placed, what was reported to the pilot |

@@ -337,7 +337,7 @@ impl System {
         let answer = match judged {
             Ok(program) => {
                 self.upgrade = Some(program);
-                done("the supervisor goes on as the new binary".to_owned())
+                done("the new binary is the supervisor now".to_owned())
             }
             Err(why) => refused_upgrade(why),
         };
