@@ -1,6 +1,8 @@
 //! The programs that an aircraft needs, by name ([`jink_runtime::programs`]).
 
-use jink_runtime::{device, run};
+use jink_runtime::config::sensor_table::{SensorTable, Told};
+use jink_runtime::device::{self, Driver};
+use jink_runtime::run;
 use std::process::ExitCode;
 
 /// The `main` of the program called `name`; `None` for the command itself.
@@ -18,6 +20,19 @@ pub fn named(name: &str) -> Option<fn() -> ExitCode> {
         "jink-depth-driver" => device::run::<jink_depth_driver::DepthCameraService>,
         "jink-lidar-driver" => device::run::<jink_lidar_driver::LidarService>,
         "jink-link-check" => || jink_link_check::run(&arguments()),
+        _ => return None,
+    })
+}
+
+/// Whether the table of the sensor of this name is right ([`Driver::check`]).
+pub type SensorCheck = fn(&[SensorTable], &str) -> Result<(), Told>;
+
+/// What the driver called `name` says of the table of its sensor; `None` for what is no driver of ours.
+pub fn sensor_check(name: &str) -> Option<SensorCheck> {
+    Some(match name {
+        "jink-rangefinder-driver" => jink_rangefinder_driver::RangefinderService::check,
+        "jink-depth-driver" => jink_depth_driver::DepthCameraService::check,
+        "jink-lidar-driver" => jink_lidar_driver::LidarService::check,
         _ => return None,
     })
 }

@@ -4,6 +4,7 @@
 
 mod foreign;
 mod link;
+mod mistakes;
 mod overlay;
 mod parameters;
 pub mod sensor_sets;
@@ -11,7 +12,10 @@ pub mod sensor_table;
 
 pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
-pub use overlay::{PROFILE_FOLDER, Resolved, sensor_place, sensors, sensors_of_ours};
+pub use mistakes::{Examination, all_mistakes};
+pub use overlay::{
+    Examined, Layer, PROFILE_FOLDER, Resolved, SensorsExamined, sensor_place, sensors, sensors_of_ours,
+};
 
 use jink_shared_types::params::{Param, ParamSet};
 use jink_shared_types::ranges::{SENSORS, deadline_us};
@@ -234,7 +238,11 @@ impl Config {
     /// # Errors
     /// [`ConfigError`] naming file and line.
     pub fn parse(file: &Path, text: &str) -> Result<Self, ConfigError> {
-        Self::parse_over(file, text, &[])
+        let config = Self::parse_over(file, text, &[])?;
+        let reversed = config.params.reversed().next();
+        reversed.map_or(Ok(config), |error| {
+            Err(overlay::reversed(&[Layer::of(file, text)], &error))
+        })
     }
 
     /// The same of a text that lies over another one, which declares these parameters; a list of its own replaces them.
@@ -385,11 +393,13 @@ impl SensorTable {
 /// # Errors
 /// [`ConfigError`] naming the file.
 pub fn read(file: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(file).map_err(|error| ConfigError {
+    let text = std::fs::read_to_string(file).map_err(|error| ConfigError {
         file: file.to_owned(),
         line: 0,
         message: format!("cannot be read: {error}"),
-    })
+    })?;
+    // Editors of Windows begin a file with a byte order mark.
+    Ok(text.trim_start_matches('\u{feff}').to_owned())
 }
 
 /// The names in the process table that lies beside `jink.toml`; empty if there is none. The table itself is the

@@ -2,9 +2,11 @@
 //! names the file and line (or the argument) it comes from.
 
 use super::{
-    CONFIG_FILE, Config, ConfigError, is_user_kind, line_of, parse_toml, read, sensor_sets, with_nearest,
+    CONFIG_FILE, Config, ConfigError, all_mistakes, is_user_kind, line_of, parse_toml, read, sensor_sets,
+    with_nearest,
 };
-use jink_shared_types::params::Param;
+use crate::sensor_table::Told;
+use jink_shared_types::params::{Param, ParamError};
 use jink_shared_types::suggestion::{DidYouMean, nearest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -18,17 +20,19 @@ pub const PROFILE_FOLDER: &str = "profiles";
 /// Begins the line of a merged configuration that says which file its sensors come from.
 const SENSORS_FROM: &str = "# Sensors from: ";
 
+/// The `[[sensor]]` tables of a configuration.
+#[derive(Deserialize)]
+#[serde(bound = "T: DeserializeOwned")]
+struct Sensors<T> {
+    #[serde(default = "Vec::new")]
+    sensor: Vec<T>,
+}
+
 /// The `[[sensor]]` tables of the configuration in `folder`, with the keys that only their drivers know.
 ///
 /// # Errors
 /// [`ConfigError`] naming file and line as the user wrote them, not those of the merged configuration.
 pub fn sensors<T: DeserializeOwned>(folder: &Path) -> Result<Vec<T>, ConfigError> {
-    #[derive(Deserialize)]
-    #[serde(bound = "T: DeserializeOwned")]
-    struct Sensors<T> {
-        #[serde(default = "Vec::new")]
-        sensor: Vec<T>,
-    }
     let parse = |file: &Path, text: &str| parse_toml::<Sensors<T>>(file, text).map(|sensors| sensors.sensor);
     let merged = folder.join(CONFIG_FILE);
     let text = read(&merged)?;
@@ -65,48 +69,220 @@ pub fn sensors_of_ours<T: DeserializeOwned>(folder: &Path) -> Result<Vec<T>, Con
     let tables: Tables = parse_toml(&file, &text)?;
     let tables = tables.sensor.into_iter().zip(kinds);
     let ours = tables.filter(|(_, table)| !is_user_kind(&table.kind));
-    ours.map(|(table, _)| {
-        let line = line_of(&text, table.span().start);
-        let sensor = Value::Table(table.into_inner()).try_into();
-        sensor.map_err(|error: toml::de::Error| ConfigError {
-            file: file.clone(),
-            line,
-            message: with_nearest(error.message()),
-        })
-    })
-    .collect()
+    ours.map(|(table, _)| of_table(&file, &text, table)).collect()
 }
 
 /// File and line, as the user wrote them, of `key` in the table of the sensor called `sensor`; of the table's beginning, where it has
 /// no such key. For the errors of drivers, which know what a value may be.
 pub fn sensor_place(folder: &Path, sensor: &str, key: &str) -> Option<(PathBuf, usize)> {
-    #[derive(Deserialize)]
-    struct Tables {
-        sensor: Vec<Spanned<BTreeMap<Spanned<String>, Value>>>,
-    }
     let merged = folder.join(CONFIG_FILE);
     let text = read(&merged).ok()?;
     let origin = text.lines().find_map(|line| line.strip_prefix(SENSORS_FROM));
     let file = origin.map_or(merged, PathBuf::from);
-    let text = read(&file).ok()?;
-    let tables: Tables = toml::from_str(&text).ok()?;
+    let line = line_of_sensor(&read(&file).ok()?, sensor, Some(key))?;
+    Some((file, line))
+}
+
+/// The line of `key` in the table of the sensor called `sensor`; of the table's beginning, where it has no such key.
+fn line_of_sensor(text: &str, sensor: &str, key: Option<&str>) -> Option<usize> {
+    let tables: Sensors<Spanned<BTreeMap<Spanned<String>, Value>>> = toml::from_str(text).ok()?;
     let is_meant = |table: &&Spanned<BTreeMap<Spanned<String>, Value>>| {
         let mut keys = table.get_ref().iter();
         keys.any(|(key, value)| key.get_ref() == "name" && value.as_str() == Some(sensor))
     };
     let table = tables.sensor.iter().find(is_meant)?;
-    let written = table.get_ref().keys().find(|written| written.get_ref() == key);
+    let mut keys = table.get_ref().keys();
+    let written = keys.find(|written| Some(written.get_ref().as_str()) == key);
     let offset = written.map_or(table.span().start, |written| written.span().start);
-    Some((file, line_of(&text, offset)))
+    Some(line_of(text, offset))
 }
 
 /// A configuration with every overlay applied.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Resolved {
     /// As a configuration file, to be given to the services.
     pub text: String,
     /// As values.
     pub config: Config,
+}
+
+/// One of the texts of which a configuration is made, without the mistakes that were found in it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Layer {
+    /// Its file, or the argument.
+    pub file: PathBuf,
+    /// What stands there.
+    pub text: String,
+    /// It is an argument: there are no lines.
+    is_argument: bool,
+}
+
+impl Layer {
+    /// The text of `file`.
+    pub fn of(file: &Path, text: &str) -> Self {
+        Self {
+            file: file.to_owned(),
+            text: text.to_owned(),
+            is_argument: false,
+        }
+    }
+
+    /// The line of `section.key`; 0 in an argument, `None` where the key is not given.
+    fn line(&self, section: &str, key: &str) -> Option<usize> {
+        let tables: BTreeMap<String, Spanned<Value>> = toml::from_str(&self.text).ok()?;
+        let table = tables.get(section)?;
+        table.get_ref().get(key)?;
+        let span = table.span();
+        let from = line_of(&self.text, span.start);
+        let mut lines = self.text.lines().enumerate().skip(from.saturating_sub(1));
+        let is_it = |line: &str| line.split('=').next().is_some_and(|word| word.trim() == key);
+        let line = lines
+            .find(|(_, line)| is_it(line))
+            .map_or(from, |(index, _)| index + 1);
+        Some(if self.is_argument { 0 } else { line })
+    }
+
+    /// What `parse` finds wrong with the table of the sensor called `sensor`, of which it is given the table alone; nothing, where there
+    /// is none that reads as `T`.
+    pub fn mistakes_of_sensor<T: DeserializeOwned>(
+        &self,
+        sensor: &str,
+        parse: impl Fn(&[T]) -> Result<(), Told>,
+    ) -> Vec<ConfigError> {
+        let examined = all_mistakes(&self.text, |text| {
+            let tables: Sensors<Table> = parse_toml(&self.file, text)?;
+            let is_meant = |table: &Table| table.get("name").and_then(Value::as_str) == Some(sensor);
+            let table = tables.sensor.into_iter().find(is_meant);
+            let table = table.and_then(|table| Value::Table(table).try_into().ok());
+            let Some((table, begin)) = table.zip(line_of_sensor(text, sensor, None)) else {
+                return Ok(());
+            };
+            parse(&[table]).map_err(|(key, message)| ConfigError {
+                file: self.file.clone(),
+                line: key
+                    .and_then(|key| line_of_sensor(text, sensor, Some(&key)))
+                    .unwrap_or(begin),
+                message,
+            })
+        });
+        examined.mistakes
+    }
+
+    /// What is wrong with the tables of sensors of ours, read as `T`.
+    pub fn mistakes_of_sensors_as<T: DeserializeOwned>(&self) -> SensorsExamined {
+        #[derive(Deserialize)]
+        struct Kind {
+            #[serde(default)]
+            kind: String,
+        }
+        #[derive(Deserialize)]
+        struct Tables {
+            #[serde(default)]
+            sensor: Vec<Spanned<Table>>,
+        }
+        let examined = all_mistakes(&self.text, |text| {
+            let kinds: Sensors<Kind> = parse_toml(&self.file, text)?;
+            if !kinds.sensor.iter().any(|table| is_user_kind(&table.kind)) {
+                return parse_toml::<Sensors<T>>(&self.file, text).map(|_| ());
+            }
+            let tables: Tables = parse_toml(&self.file, text)?;
+            let tables = tables.sensor.into_iter().zip(kinds.sensor);
+            for (table, _) in tables.filter(|(_, table)| !is_user_kind(&table.kind)) {
+                of_table::<T>(&self.file, text, table)?;
+            }
+            Ok(())
+        });
+        SensorsExamined {
+            mistakes: examined.mistakes,
+            layer: Self {
+                text: examined.text,
+                ..self.clone()
+            },
+        }
+    }
+}
+
+/// Tables of sensors, and what is wrong with them.
+#[derive(Clone, Debug)]
+pub struct SensorsExamined {
+    /// Everything that is wrong.
+    pub mistakes: Vec<ConfigError>,
+    /// What is right.
+    pub layer: Layer,
+}
+
+/// One `[[sensor]]` table, with an error that names the line where the table begins.
+fn of_table<T: DeserializeOwned>(file: &Path, text: &str, table: Spanned<Table>) -> Result<T, ConfigError> {
+    let line = line_of(text, table.span().start);
+    let sensor = Value::Table(table.into_inner()).try_into();
+    sensor.map_err(|error: toml::de::Error| ConfigError {
+        file: file.to_owned(),
+        line,
+        message: with_nearest(error.message()),
+    })
+}
+
+/// What is right and what is wrong with a configuration and all that lies over it.
+#[derive(Clone, Debug, Default)]
+pub struct Examined {
+    /// The configuration without what is wrong.
+    pub resolved: Resolved,
+    /// Everything that is wrong, in the order of the sources.
+    pub mistakes: Vec<ConfigError>,
+    /// Where its sensors stand.
+    pub sensors: Layer,
+    /// The sources, the one below first.
+    layers: Vec<Layer>,
+}
+
+impl Examined {
+    /// File and line of `section.key` in the uppermost source that has it.
+    pub fn place(&self, section: &str, key: &str) -> Option<(PathBuf, usize)> {
+        let mut layers = self.layers.iter().rev();
+        layers.find_map(|layer| Some((layer.file.clone(), layer.line(section, key)?)))
+    }
+
+    /// Lays a source over those below it.
+    fn lay(&mut self, layer: Layer, merged: &mut Table, declared: &mut &'static [Param]) {
+        let found = all_mistakes(&layer.text, |text| {
+            Config::parse_over(&layer.file, text, declared)
+        });
+        self.mistakes
+            .extend(found.mistakes.into_iter().map(|error| ConfigError {
+                line: if layer.is_argument { 0 } else { error.line },
+                ..error
+            }));
+        let Some(config) = found.value else { return };
+        *declared = config.params.declared();
+        let over: Table = found.text.parse().unwrap_or_default();
+        let layer = Layer {
+            text: found.text,
+            ..layer
+        };
+        if over.contains_key("sensor") || self.layers.is_empty() {
+            self.sensors.clone_from(&layer);
+        }
+        lay_over(merged, over);
+        self.layers.push(layer);
+    }
+}
+
+/// The error for the ends of a span that are the wrong way round, at the uppermost of `layers` that gives one of them.
+pub(super) fn reversed(layers: &[Layer], error: &ParamError) -> ConfigError {
+    let names = match error {
+        ParamError::Reversed { low, high } => [low.0, high.0],
+        _ => [""; 2],
+    };
+    let place = layers.iter().rev().find_map(|layer| {
+        let line = names.iter().filter_map(|name| layer.line("params", name)).max()?;
+        Some((layer.file.clone(), line))
+    });
+    let (file, line) = place.unwrap_or_default();
+    ConfigError {
+        file,
+        line,
+        message: error.to_string(),
+    }
 }
 
 impl Config {
@@ -122,46 +298,90 @@ impl Config {
         sensors: Option<&str>,
         overrides: &[String],
     ) -> Result<Resolved, ConfigError> {
-        let base = folder.join(CONFIG_FILE);
-        let mut sources = vec![base.display().to_string()];
-        let (mut merged, mut declared) = checked(&base, &read(&base)?, &[])?;
-        let mut sensors_from = base.clone();
-        if let Some(profile) = profile {
-            let file = profile_file(folder, profile)?;
-            let over;
-            (over, declared) = checked(&file, &read(&file)?, declared)?;
-            if over.contains_key("sensor") {
-                sensors_from.clone_from(&file);
-            }
-            lay_over(&mut merged, over);
-            sources.push(file.display().to_string());
+        let examined = Self::examine(folder, profile, sensors, overrides);
+        match examined.mistakes.into_iter().next() {
+            Some(first) => Err(first),
+            None => Ok(examined.resolved),
         }
-        if let Some(name) = sensors {
-            let set = sensor_sets::named(name)?;
-            let over;
-            (over, declared) = checked(&set.file, &set.text, declared)?;
-            if !over.contains_key("sensor") {
-                return Err(problem(&set.file, "there is no [[sensor]] in it".to_owned()));
+    }
+
+    /// The same with all that is wrong instead of the first mistake.
+    pub fn examine(
+        folder: &Path,
+        profile: Option<&str>,
+        sensors: Option<&str>,
+        overrides: &[String],
+    ) -> Examined {
+        let mut examined = Examined::default();
+        let base = folder.join(CONFIG_FILE);
+        let set = sensors.map(sensor_sets::named);
+        let set = set.map(|set| set.map(|set| Layer::of(&set.file, &set.text)));
+        let layer_of = |file: PathBuf| read(&file).map(|text| Layer::of(&file, &text));
+        let profile = profile.map(|name| profile_file(folder, name).and_then(layer_of));
+        let (mut merged, mut declared): (Table, &'static [Param]) = (Table::new(), &[]);
+        match layer_of(base) {
+            Ok(layer) => examined.lay(layer, &mut merged, &mut declared),
+            // What lies over it would be misjudged.
+            Err(error) => {
+                examined.mistakes.push(error);
+                return examined;
             }
-            lay_over(&mut merged, over);
-            sources.push(set.file.display().to_string());
-            sensors_from = set.file;
+        }
+        match profile {
+            Some(Ok(layer)) => examined.lay(layer, &mut merged, &mut declared),
+            Some(Err(error)) => examined.mistakes.push(error),
+            None => {}
+        }
+        match set {
+            Some(Ok(layer)) => examined.lay(layer, &mut merged, &mut declared),
+            Some(Err(error)) => {
+                examined.mistakes.push(error);
+                // Those below are not the ones that are meant.
+                merged.remove("sensor");
+            }
+            None => {}
+        }
+        if sensors.is_some()
+            && let Some(set) = examined.layers.last()
+            && set.file != examined.sensors.file
+            && examined.mistakes.is_empty()
+        {
+            let error = problem(&set.file, "there is no [[sensor]] in it".to_owned());
+            examined.mistakes.push(error);
         }
         for text in overrides {
-            lay_over(&mut merged, override_table(text, declared)?);
-            sources.push(format!("--set {text}"));
+            match override_layer(text) {
+                Ok(layer) => examined.lay(layer, &mut merged, &mut declared),
+                Err(error) => examined.mistakes.push(error),
+            }
         }
         let whole = PathBuf::from("merged configuration");
-        let body = toml::to_string(&merged).map_err(|error| problem(&whole, error.to_string()))?;
+        let body = toml::to_string(&merged).unwrap_or_default();
+        let sources: Vec<String> = examined
+            .layers
+            .iter()
+            .map(|layer| layer.file.display().to_string())
+            .collect();
+        let sensors_from = &examined.sensors.file;
         let text = format!(
             "# Merged while starting, from: {}\n{SENSORS_FROM}{}\n{body}",
             sources.join(", ").replace('\n', " "),
-            std::path::absolute(&sensors_from)
-                .unwrap_or(sensors_from)
+            std::path::absolute(sensors_from)
+                .unwrap_or_else(|_| sensors_from.clone())
                 .display()
         );
-        let config = Self::parse(&whole, &text)?;
-        Ok(Resolved { text, config })
+        match Self::parse_over(&whole, &text, &[]) {
+            Ok(config) => {
+                let reversed = config
+                    .params
+                    .reversed()
+                    .map(|error| reversed(&examined.layers, &error));
+                examined.mistakes.extend(reversed);
+                examined.resolved = Resolved { text, config };
+            }
+            Err(error) => examined.mistakes.push(error),
+        }
+        examined
     }
 }
 
@@ -171,19 +391,6 @@ fn problem(file: &Path, message: String) -> ConfigError {
         line: 0,
         message,
     }
-}
-
-/// The file as a table, after it has been found to be a valid configuration by itself over one that declares these parameters;
-/// with those that are declared now.
-fn checked(
-    file: &Path,
-    text: &str,
-    declared: &'static [Param],
-) -> Result<(Table, &'static [Param]), ConfigError> {
-    let declared = Config::parse_over(file, text, declared)?.params.declared();
-    let table = text.parse();
-    let table = table.map_err(|error: toml::de::Error| problem(file, error.message().to_owned()))?;
-    Ok((table, declared))
 }
 
 fn profile_file(folder: &Path, profile: &str) -> Result<PathBuf, ConfigError> {
@@ -216,8 +423,8 @@ fn profile_file(folder: &Path, profile: &str) -> Result<PathBuf, ConfigError> {
     Err(problem(&file, format!("there is no profile {profile:?}{hint}")))
 }
 
-/// One `section.key=value` as a table. A value that is no TOML is taken as text, so that an address needs no quotes.
-fn override_table(text: &str, declared: &'static [Param]) -> Result<Table, ConfigError> {
+/// One `section.key=value` as a text of its own. A value that is no TOML is taken as text, so that an address needs no quotes.
+fn override_layer(text: &str) -> Result<Layer, ConfigError> {
     let label = PathBuf::from(format!("--set {text}"));
     let refused = |message: &str| problem(&label, message.to_owned());
     let Some(((section, key), value)) = text
@@ -238,11 +445,11 @@ fn override_table(text: &str, declared: &'static [Param]) -> Result<Table, Confi
         .unwrap_or_else(|_| Value::String(value.to_owned()));
     let inner = Table::from_iter([(key.to_owned(), value)]);
     let table = Table::from_iter([(section.to_owned(), Value::Table(inner))]);
-    let alone = toml::to_string(&table).map_err(|error| refused(&error.to_string()))?;
-    match Config::parse_over(&label, &alone, declared) {
-        Ok(_) => Ok(table),
-        Err(error) => Err(ConfigError { line: 0, ..error }),
-    }
+    Ok(Layer {
+        text: toml::to_string(&table).map_err(|error| refused(&error.to_string()))?,
+        file: label,
+        is_argument: true,
+    })
 }
 
 fn lay_over(base: &mut Table, over: Table) {

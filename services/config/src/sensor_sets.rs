@@ -2,6 +2,7 @@
 //! under `config/sensors`. A set of the user's own is a file like these.
 
 use super::{ConfigError, read};
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use std::path::PathBuf;
 
 macro_rules! sets {
@@ -61,8 +62,9 @@ pub fn named(name: &str) -> Result<SensorSet, ConfigError> {
             file: PathBuf::from(format!("--sensor {name}")),
             line: 0,
             message: format!(
-                "there is no set of sensors {part:?}; known are {}, and files that end in .toml",
-                names().collect::<Vec<_>>().join(", ")
+                "there is no set of sensors {part:?}; known are {}, and files that end in .toml{}",
+                names().collect::<Vec<_>>().join(", "),
+                DidYouMean(nearest(part, names()))
             ),
         })?);
     }

@@ -12,6 +12,9 @@ use toml::Value;
 /// A `[[sensor]]` table as written.
 pub type SensorTable = BTreeMap<String, Value>;
 
+/// A mistake as it is told: the key that it is about, and the sentence.
+pub type Told = (Option<String>, String);
+
 /// What is wrong with a table, or that it is not there.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mistake {
@@ -99,12 +102,16 @@ impl Mistake {
             Self::OtherKind { sensor, .. } => Some((sensor, "kind")),
             Self::ModelOfOtherKind { sensor, .. } => Some((sensor, "model")),
             Self::UnknownKey { sensor, key, .. } => Some((sensor, key)),
-            Self::Missing { sensor, .. } => Some((sensor, "name")),
-            Self::NotPossible { sensor, key, .. } | Self::NotOfThisModel { sensor, key, .. } => {
-                Some((sensor, key))
-            }
+            Self::Missing { sensor, key, .. }
+            | Self::NotPossible { sensor, key, .. }
+            | Self::NotOfThisModel { sensor, key, .. } => Some((sensor, key)),
             Self::Mounting { sensor, .. } => Some((sensor, "orientation")),
         }
+    }
+
+    /// The key that it is about, and the sentence.
+    pub fn told(&self) -> Told {
+        (self.place().map(|(_, key)| key.to_owned()), self.to_string())
     }
 }
 

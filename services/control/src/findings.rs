@@ -96,7 +96,10 @@ impl Findings {
     pub fn text(&self) -> String {
         let mut text = format!("{}\n", self.verdict());
         if let Some(first) = self.first() {
-            text += &format!("Mend first: {}\n  -> {}\n", first.is, first.remedy);
+            text += &format!("First: {}\n", first.is);
+            if !first.remedy.is_empty() {
+                text += &format!("  -> {}\n", first.remedy);
+            }
         }
         text.push('\n');
         let mut rows: Vec<_> = self.findings.iter().collect();
@@ -170,7 +173,7 @@ mod tests {
             lines[..4],
             [
                 "NOT READY: PX4 1.15.2, quadrotor, system 1; 2 blockers, 1 warning",
-                "Mend first: version is so",
+                "First: version is so",
                 "  -> mend version",
                 "",
             ]

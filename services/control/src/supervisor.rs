@@ -1,8 +1,10 @@
 //! The supervisor as a child of this program: how an instance is started, and stopped by whoever has started it.
 
+use crate::findings::Findings;
 use crate::watch::Watch;
 use crate::{EXIT_PROBLEM, Interrupt, Problem, places};
-use jink_runtime::Instance;
+use jink_runtime::service::EXIT_CANNOT_START;
+use jink_runtime::{Instance, programs};
 use std::io::Read;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
@@ -53,8 +55,12 @@ impl Supervisor {
         &self.instance
     }
 
-    /// Starts one for `instance`.
+    /// Starts one for `instance`, if `jink check config` finds nothing wrong.
+    ///
+    /// # Errors
+    /// Every mistake of the configuration, or why no supervisor can be started; nothing is left behind.
     pub fn start(instance: &Instance, options: &StartOptions) -> Result<Self, Problem> {
+        check(options)?;
         Ok(Self {
             child: spawn(instance, options)?,
             instance: instance.clone(),
@@ -158,6 +164,37 @@ impl Supervisor {
             std::thread::sleep(LOOK);
         }
     }
+}
+
+/// Has the configuration examined, by the drivers' own parsers too.
+fn check(options: &StartOptions) -> Result<(), Problem> {
+    let mut command = places::program(&options.programs, programs::JINK)?;
+    command.args(["check", "config", "--json", "--mode", options.mode]);
+    command.arg("--config").arg(&options.config);
+    for (option, value) in [("--profile", &options.profile), ("--sensor", &options.sensors)] {
+        command.args(value.iter().flat_map(|value| [option, value.as_str()]));
+    }
+    command.args(options.overrides.iter().flat_map(|text| ["--set", text.as_str()]));
+    let answer = command
+        .stdin(Stdio::null())
+        .output()
+        .map_err(Problem::io("jink check config"))?;
+    let found: Findings = serde_json::from_slice(&answer.stdout).map_err(|_| {
+        Problem::Other(
+            String::from_utf8_lossy(&answer.stderr)
+                .trim()
+                .trim_start_matches("jink: ")
+                .to_owned(),
+        )
+    })?;
+    let mistakes: Vec<String> = found.findings.into_iter().map(|finding| finding.is).collect();
+    if mistakes.is_empty() {
+        return Ok(());
+    }
+    Err(Problem::NotUp {
+        reason: format!("cannot start: {}", mistakes.join("\n")),
+        code: EXIT_CANNOT_START,
+    })
 }
 
 fn spawn(instance: &Instance, options: &StartOptions) -> Result<Child, Problem> {

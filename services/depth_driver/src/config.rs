@@ -112,6 +112,12 @@ impl DepthCameraSpec {
 
     fn read(keys: &SensorKeys<'_>) -> Result<Self, DepthConfigError> {
         keys.check_names(&[KIND], KIND, KEYS, SIMULATED)?;
+        // First what does not hang on the model: a wrong one hides nothing else then.
+        let offset = |key| keys.number(key, 0.0, -5.0..=5.0);
+        let position = Point::new(offset("forward_m")?, offset("right_m")?, offset("down_m")?);
+        let mounting = keys.mounting()?;
+        let device = device(keys)?;
+        let rate_hz = keys.number("rate_hz", RATE_HZ, 2.0..=200.0)?;
         let model = model(keys)?;
         let size_px = [
             keys.count("width_px", model.size_px[0], 16..=SIZE_MAX_PX)?,
@@ -127,13 +133,12 @@ impl DepthCameraSpec {
             0.0..=1.0,
         )?;
         let flying_per_m = (FLYING_PX_PER_M / intrinsics.fx_px).max(FLYING_SIGMAS * sigma_per_m);
-        let offset = |key| keys.number(key, 0.0, -5.0..=5.0);
         Ok(Self {
             name: keys.sensor.to_owned(),
             model,
-            device: device(keys)?,
+            device,
             size_px,
-            rate_hz: keys.number("rate_hz", RATE_HZ, 2.0..=200.0)?,
+            rate_hz,
             projection: projection.map_err(|pixel| DepthConfigError::Distortion {
                 sensor: keys.sensor.to_owned(),
                 pixel,
@@ -144,8 +149,8 @@ impl DepthCameraSpec {
             flying_pixel_per_m: keys.number("flying_pixel_per_m", flying_per_m, 0.0..=10.0)?,
             bin_px: bin_px(keys, size_px, border_px)?,
             border_px,
-            position: Point::new(offset("forward_m")?, offset("right_m")?, offset("down_m")?),
-            mounting: keys.mounting()?,
+            position,
+            mounting,
         })
     }
 

@@ -1,7 +1,7 @@
 //! What can be wrong with the table of a depth camera: one sentence that names the sensor, the key and what is
 //! possible.
 
-use jink_runtime::config::sensor_table;
+use jink_runtime::config::sensor_table::{self, Told};
 use std::fmt;
 
 /// What is wrong with a table, or that it is not there.
@@ -25,6 +25,17 @@ pub enum DepthConfigError {
         /// Column and row of the first pixel without a direction.
         pixel: [u16; 2],
     },
+}
+
+impl DepthConfigError {
+    /// The key that it is about, and the sentence.
+    pub fn told(&self) -> Told {
+        match self {
+            Self::Table(mistake) => mistake.told(),
+            Self::TwoProjections { key, .. } => (Some((*key).to_owned()), self.to_string()),
+            Self::Distortion { .. } => (Some("k1".to_owned()), self.to_string()),
+        }
+    }
 }
 
 impl fmt::Display for DepthConfigError {

@@ -5,6 +5,7 @@ use crate::cloud_view::CloudView;
 use crate::config::{DepthCameraSpec, SensorTable};
 use crate::driver::DepthCameraDriver;
 use crate::v4l2::Wanted;
+use jink_runtime::config::sensor_table::Told;
 use jink_runtime::device::{DeviceChange, Driver, measured_at, needs};
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Clock, Output, Ports, StartError};
@@ -24,6 +25,12 @@ pub struct DepthCameraService {
 impl Driver for DepthCameraService {
     const PROGRAM: &'static str = "depth_driver";
     const EVENTS: [&'static Event; 2] = [&DEPTH_CAMERA_LOST, &DEPTH_CAMERA_BACK];
+
+    fn check(tables: &[SensorTable], name: &str) -> Result<(), Told> {
+        DepthCameraSpec::find(tables, name)
+            .map(|_| ())
+            .map_err(|mistake| mistake.told())
+    }
 
     fn open(ports: &mut Ports, name: &str, tables: &[SensorTable]) -> Result<Self, StartError> {
         let spec =

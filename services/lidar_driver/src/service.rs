@@ -1,11 +1,13 @@
 //! A lidar as a process: woken by its socket or serial port, at the latest when something is due.
 
 use crate::cloud::CloudAssembler;
-use crate::config::{Device, LidarSpec, Mistake, SensorTable};
+use crate::config::{Device, LidarSpec, SensorTable};
+use crate::dump;
 use crate::models::{Connection, SerialProtocol};
 use crate::network::NetworkLidar;
 use crate::scanner::driver::ScannerDriver;
 use crate::scanner::turn::Turn;
+use jink_runtime::config::sensor_table::Told;
 use jink_runtime::device::{DeviceChange, Driver, measured_at, needs, read_port};
 use jink_runtime::serial::Port;
 use jink_runtime::service::WATCHED_FDS;
@@ -46,11 +48,18 @@ impl Driver for LidarService {
     const PROGRAM: &'static str = "lidar_driver";
     const EVENTS: [&'static Event; 2] = [&LIDAR_LOST, &LIDAR_BACK];
 
+    fn check(tables: &[SensorTable], name: &str) -> Result<(), Told> {
+        let spec = LidarSpec::find(tables, name).map_err(|mistake| mistake.told())?;
+        let metadata = spec
+            .metadata
+            .as_deref()
+            .map_or(Ok(()), |file| dump::metadata(file).map(|_| ()));
+        metadata.map_err(|error| (Some("metadata".to_owned()), format!("sensor {name:?}: {error}")))
+    }
+
     fn open(ports: &mut Ports, name: &str, tables: &[SensorTable]) -> Result<Self, StartError> {
         const WHAT: &str = "the lidar";
-        let folder = ports.setup().config.clone();
-        let spec =
-            LidarSpec::find(tables, name).map_err(|mistake| needs(WHAT, &located(&folder, &mistake)))?;
+        let spec = LidarSpec::find(tables, name).map_err(|mistake| needs(WHAT, &mistake))?;
         let rate_hz = spec.rate_hz;
         Ok(match spec.model.connection {
             Connection::Network(protocol) => Self::Network {
@@ -204,15 +213,5 @@ fn switch_dtr_off(port: &Port, name: &str) {
         .and_then(|fd| serial2::SerialPort::from(fd).set_dtr(false));
     if let Err(error) = switched {
         tracing::debug!("{name}: DTR cannot be set: {error}");
-    }
-}
-
-/// An error with the file and the line where it is, as far as they can be found.
-fn located(folder: &std::path::Path, mistake: &Mistake) -> String {
-    let place = mistake.place();
-    let place = place.and_then(|(sensor, key)| jink_runtime::config::sensor_place(folder, sensor, key));
-    match place {
-        Some((file, line)) => format!("{}:{line}: {mistake}", file.display()),
-        None => mistake.to_string(),
     }
 }

@@ -81,5 +81,5 @@ pub use jink_mavlink_link::message::{
 };
 pub use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName, Representation};
 pub use note::Note;
-pub use service::GatewayService;
+pub use service::{GatewayService, check_links};
 pub use vehicle::Present;

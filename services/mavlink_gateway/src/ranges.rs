@@ -10,8 +10,10 @@
 //! for it.
 
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
+use jink_runtime::config::sensor_table::Told;
 use jink_shared_types::beams::{BeamReading, BeamRefused, ObstacleDistance};
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::{BodyFrd, Point, Timestamp};
 use mavlink::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_DATA};
 use serde::Deserialize;
@@ -27,6 +29,17 @@ pub const ROW: &str = "obstacle_row";
 pub const SCANS: usize = 16;
 /// DISTANCE_SENSOR is asked for this often (Hz).
 const RATE_HZ: f64 = 20.0;
+
+/// The keys of such sensors.
+const KEYS: [&str; 7] = [
+    "name",
+    "kind",
+    "id",
+    "component",
+    "forward_m",
+    "right_m",
+    "down_m",
+];
 
 /// A `[[sensor]]` table as written, of any kind.
 #[derive(Debug, Default, Deserialize)]
@@ -83,11 +96,27 @@ pub enum Mistake {
     TooMany,
 }
 
+impl Mistake {
+    /// The key that it is about, and the sentence.
+    pub fn told(&self) -> Told {
+        let key = match self {
+            Self::Missing { key, .. } => key.split(',').next().map(str::to_owned),
+            Self::Unknown { key, .. } => Some(key.clone()),
+            Self::Ours { .. } => Some("component".to_owned()),
+            Self::TooMany => None,
+        };
+        (key, self.to_string())
+    }
+}
+
 impl fmt::Display for Mistake {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Missing { sensor, kind, key } => write!(f, "sensor \"{sensor}\": an {kind} needs {key}"),
-            Self::Unknown { sensor, kind, key } => write!(f, "sensor \"{sensor}\": an {kind} has no {key}"),
+            Self::Unknown { sensor, kind, key } => {
+                let near = DidYouMean(nearest(key, KEYS.into_iter()));
+                write!(f, "sensor \"{sensor}\": an {kind} has no {key}{near}")
+            }
             Self::Ours { sensor } => write!(
                 f,
                 "sensor \"{sensor}\": component = {COMPONENT_AVOIDANCE} is jink itself: it would see what it says"

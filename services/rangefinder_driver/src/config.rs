@@ -88,19 +88,24 @@ impl RangefinderSpec {
 
     fn read(keys: &SensorKeys<'_>) -> Result<Self, Mistake> {
         keys.check_names(&[KIND], KIND, KEYS, SIMULATED)?;
+        // First what does not hang on the model: a wrong one hides nothing else then.
+        let offset = |key| keys.number(key, 0.0, -10.0..=10.0);
+        let position = Point::new(offset("forward_m")?, offset("right_m")?, offset("down_m")?);
+        let mounting = keys.mounting()?;
+        let device = device(keys)?;
+        let rate_hz = keys.number("rate_hz", RATE_HZ, 8.0..=200.0)?;
         let model = model(keys)?;
         check_model(keys, model)?;
         let [min_m, max_m] = ranges(keys, model)?;
         let baud = keys.number("baud", f64::from(model.baud), 9_600.0..=921_600.0)? as u32;
-        let offset = |key| keys.number(key, 0.0, -10.0..=10.0);
         let default_deg = model.beam_width_deg;
         Ok(Self {
             name: keys.sensor.to_owned(),
             model,
-            device: device(keys)?,
+            device,
             baud,
-            position: Point::new(offset("forward_m")?, offset("right_m")?, offset("down_m")?),
-            mounting: keys.mounting()?,
+            position,
+            mounting,
             beam_width_rad: keys
                 .number("beam_width_deg", default_deg, 0.0..=90.0)?
                 .to_radians(),
@@ -110,7 +115,7 @@ impl RangefinderSpec {
                 device_max_m: model.range_max_m as f32,
             },
             sigma_m: keys.number("sigma_m", model.sigma_m, 0.0..=10.0)?,
-            rate_hz: keys.number("rate_hz", RATE_HZ, 8.0..=200.0)?,
+            rate_hz,
             scan: ScanSetup {
                 baud,
                 rate_hz: model.rate_hz,

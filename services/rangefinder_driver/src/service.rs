@@ -3,6 +3,7 @@
 use crate::ScanView;
 use crate::config::{RangefinderSpec, SensorTable};
 use crate::driver::RangefinderDriver;
+use jink_runtime::config::sensor_table::Told;
 use jink_runtime::device::{DeviceChange, Driver, measured_at, needs, read_port};
 use jink_runtime::serial::Port;
 use jink_runtime::service::WATCHED_FDS;
@@ -27,6 +28,12 @@ pub struct RangefinderService {
 impl Driver for RangefinderService {
     const PROGRAM: &'static str = "rangefinder_driver";
     const EVENTS: [&'static Event; 2] = [&RANGEFINDER_LOST, &RANGEFINDER_BACK];
+
+    fn check(tables: &[SensorTable], name: &str) -> Result<(), Told> {
+        RangefinderSpec::find(tables, name)
+            .map(|_| ())
+            .map_err(|mistake| mistake.told())
+    }
 
     fn open(ports: &mut Ports, name: &str, tables: &[SensorTable]) -> Result<Self, StartError> {
         let spec =

@@ -2,7 +2,8 @@
 //! on its device.
 
 use crate::clock::Clock;
-use crate::config::sensor_table::SensorTable;
+use crate::config::sensor_table::{SensorTable, Told};
+use crate::config::{CONFIG_FILE, ConfigError, sensor_place};
 use crate::ports::{ExclusiveOwnership, Ports};
 use crate::serial::{Port, Read};
 use crate::service::{Cycle, Service, WATCHED_FDS, Wake};
@@ -30,10 +31,16 @@ pub trait Driver: Sized {
     /// Events for the pilot: the sensor has fallen silent, and measures again.
     const EVENTS: [&'static Event; 2];
 
-    /// For the sensor called `name`, which stands in one of `tables`: opens its topic, not yet its device.
+    /// Whether the table of the sensor called `name` among `tables` is right.
     ///
     /// # Errors
-    /// [`needs`], if it stands in none or its table is wrong; or what is wrong with the topic.
+    /// The first mistake.
+    fn check(tables: &[SensorTable], name: &str) -> Result<(), Told>;
+
+    /// For the sensor called `name`, whose table among `tables` is right: opens its topic, not yet its device.
+    ///
+    /// # Errors
+    /// [`needs`], if what the table names is not to be had; or what is wrong with the topic.
     fn open(ports: &mut Ports, name: &str, tables: &[SensorTable]) -> Result<Self, StartError>;
 
     /// Opens the device if that is due, reads what has arrived, and publishes what it completes. Returns when to run again.
@@ -81,7 +88,13 @@ impl<D: Driver> Service for DriverService<D> {
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let name = ports.setup().sensor_name()?;
-        let tables: Vec<SensorTable> = crate::config::sensors(&ports.setup().config)?;
+        let folder = ports.setup().config.clone();
+        let tables: Vec<SensorTable> = crate::config::sensors(&folder)?;
+        D::check(&tables, &name).map_err(|(key, message)| {
+            let place = sensor_place(&folder, &name, key.as_deref().unwrap_or_default());
+            let (file, line) = place.unwrap_or((folder.join(CONFIG_FILE), 0));
+            ConfigError { file, line, message }
+        })?;
         Ok(Self {
             driver: D::open(ports, &name, &tables)?,
             ownership: DeviceOwnership::new(ports),

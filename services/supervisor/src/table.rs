@@ -33,7 +33,8 @@ mod check;
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
 use jink_runtime::config::{
-    ConfigError, Foreign, Grants, PROCESS_FILE, Sensor, line_of, of_sensor, parse_toml, plugged_in, read,
+    ConfigError, Foreign, Grants, PROCESS_FILE, Sensor, all_mistakes, line_of, of_sensor, parse_toml,
+    plugged_in, read,
 };
 use jink_runtime::{Instance, programs};
 use serde::Deserialize;
@@ -236,13 +237,42 @@ impl ProcessTable {
         folder: &Path,
         sensors: &[Sensor],
     ) -> Result<Vec<ProcessRow>, ConfigError> {
-        let mut selected: Vec<ProcessRow> = Vec::new();
+        let (selected, mistakes) = self.select_all(mode, folder, sensors);
+        mistakes.into_iter().next().map_or(Ok(selected), Err)
+    }
+
+    /// Every mistake of `services.toml` in `config`, with the rows that [`Self::select`] would give, wrong ones among them.
+    pub fn examine(
+        config: &Path,
+        mode: Mode,
+        folder: &Path,
+        sensors: &[Sensor],
+    ) -> (Vec<ProcessRow>, Vec<ConfigError>) {
+        let file = config.join(PROCESS_FILE);
+        let text = match read(&file) {
+            Ok(text) => text,
+            Err(error) => return (Vec::new(), vec![error]),
+        };
+        let found = all_mistakes(&text, |text| Self::parse(&file, text));
+        let selected = found.value.map(|table| table.select_all(mode, folder, sensors));
+        let (rows, of_rows) = selected.unwrap_or_default();
+        (rows, found.mistakes.into_iter().chain(of_rows).collect())
+    }
+
+    /// What [`Self::select`] selects, and everything that is wrong with it.
+    fn select_all(
+        &self,
+        mode: Mode,
+        folder: &Path,
+        sensors: &[Sensor],
+    ) -> (Vec<ProcessRow>, Vec<ConfigError>) {
+        let (mut selected, mut mistakes): (Vec<ProcessRow>, Vec<ConfigError>) = (Vec::new(), Vec::new());
         let rows = self.rows.iter().filter(|row| row.when.includes(mode));
         for mut row in rows.flat_map(|row| row.per_sensor_of(sensors)) {
             row.program_name = row.program.file_name().unwrap_or_default().to_owned();
             row.program = programs::file_of(&folder.join(&row.program));
             if !check::is_executable(&row.program) {
-                return Err(ConfigError {
+                mistakes.push(ConfigError {
                     file: self.file.clone(),
                     line: row.line,
                     message: format!(
@@ -257,15 +287,16 @@ impl ProcessTable {
             {
                 row.arguments = external;
             }
-            check::joins(&row, &selected, &self.file)?;
-            check::publishes(&row, &selected, sensors, &self.file)?;
+            let joins = check::joins(&row, &selected, &self.file);
+            let publishes = joins.and_then(|()| check::publishes(&row, &selected, sensors, &self.file));
+            mistakes.extend(publishes.err());
             selected.push(row);
         }
         if mode == Mode::Real {
-            check::every_sensor_is_measured(&selected, sensors)?;
+            mistakes.extend(check::not_measured(&selected, sensors));
         }
-        check::output_is_there(&selected, &self.file)?;
-        Ok(selected)
+        mistakes.extend(check::output_is_there(&selected, &self.file).err());
+        (selected, mistakes)
     }
 }
 

@@ -108,7 +108,7 @@ fn assert_reported(reported: &Answer, grade: &str, sentence: &str) {
             assert!(reported.stdout.starts_with("NOT READY: "), "{reported:?}");
             let first = reported.stdout.lines().nth(1).unwrap();
             assert!(
-                first.starts_with("Mend first: ") && first.contains(sentence),
+                first.starts_with("First: ") && first.contains(sentence),
                 "{first}"
             );
         }

@@ -26,12 +26,17 @@ fn up(folder: &TempFolder, arguments: &[&str]) -> Answer {
             folder.text(),
         ],
     );
-    let refused = answer(command.args(arguments));
+    let mut refused = answer(command.args(arguments));
     // The logs of a failed start are kept for the user; here nobody reads them.
     let folder = instance.parse::<Instance>().unwrap().folder();
-    let _none_was_made = std::fs::remove_dir_all(folder);
+    if std::fs::remove_dir_all(&folder).is_ok() {
+        refused.stderr += LEFT;
+    }
     refused
 }
+
+/// Behind the answer of a command that has left a folder.
+const LEFT: &str = "something was left behind";
 
 /// Exchanges `from` for `to` in a configuration file; answers in which line.
 fn spoil(folder: &TempFolder, file: &str, from: &str, to: &str) -> usize {
@@ -120,14 +125,14 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "",
             "",
             &[],
-            "jink.toml: sensor \"lidar\": nobody measures with a lidar_3d",
+            "jink.toml: sensor \"lidar\": no driver reads this lidar_3d",
         ),
         (
             "jink.toml",
             "",
             "",
             &["--sensor", "mid70"],
-            "there is no set of sensors \"mid70\"; known are sphere, mid360",
+            "there is no set of sensors \"mid70\"; known are sphere",
         ),
         (
             "jink.toml",
@@ -150,6 +155,34 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             &["--link", "udpin:14540", "--world", "forest"],
             "link.key_file: signatures are asked for, and no file holds the key",
         ),
+        (
+            "jink.toml",
+            "",
+            "",
+            &["--world", "forrest"],
+            "no world is called \"forrest\"; there are forest, gap",
+        ),
+        (
+            "jink.toml",
+            "",
+            "",
+            &["--world", "gap", "--density", "0.1"],
+            "the world \"gap\" has no trees, so it takes no density",
+        ),
+        (
+            "jink.toml",
+            "",
+            "",
+            &["--world", "forest", "--density", "-1"],
+            "a forest of -1 trees/m2 cannot be drawn",
+        ),
+        (
+            "jink.toml",
+            "",
+            "",
+            &["--world", "/nowhere/own.toml"],
+            "/nowhere/own.toml: ",
+        ),
     ] {
         let folder = TempFolder::with_config("spoilt");
         let line = spoil(&folder, file, from, to);
@@ -159,7 +192,52 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
         let first = refused.stderr.lines().next().unwrap_or_default();
         assert!(first.starts_with("jink: cannot start: "), "{refused:?}");
         assert!(first.contains(said.as_str()), "expected {said:?}: {refused:?}");
+        // A device is looked for by whoever opens it.
+        let is_found_by_the_check = !said.contains("no such device");
+        assert!(
+            !is_found_by_the_check || !refused.stderr.contains(LEFT),
+            "{refused:?}"
+        );
     }
+}
+
+#[test]
+fn a_demonstration_that_cannot_start_says_why_and_nothing_else() {
+    for (arguments, code, said) in [
+        (
+            &["--world", "forrest"][..],
+            CANNOT_START,
+            "did you mean `forest`?",
+        ),
+        (
+            &["--speed", "-3"],
+            CANNOT_START,
+            "OA_SPD_MAX = -3 is outside 0.3 to 20",
+        ),
+        (&["--sensor", "mid70"], CANNOT_START, "did you mean `mid360`?"),
+        (&["--timeout", "0"], 2, "possible are 0.001 to 86400"),
+        (&["--seed", "-1"], 2, "possible are whole numbers from 0"),
+        (&["--legs", "0"], 2, "0 is not in 1..=1000"),
+        (
+            &["--kill", "planner@8"],
+            2,
+            "is no time after the start of the mission, e.g. 8s",
+        ),
+    ] {
+        let refused = answer(program("jink", &["demo", "--headless"]).args(arguments));
+        assert_eq!(refused.code, Some(code), "{refused:?}");
+        assert!(refused.stderr.contains(said), "expected {said:?}: {refused:?}");
+        assert!(refused.stdout.is_empty(), "a summary of no flight: {refused:?}");
+    }
+}
+
+#[test]
+fn a_second_start_says_that_there_is_one_before_anything_else() {
+    let jink = System::up("twice", &["--world", "empty"]);
+    let again = jink.jink(&["up", "--world", "empty"]);
+    assert_eq!(again.code, Some(CANNOT_START), "{again:?}");
+    assert!(again.stderr.contains("is already up"), "{again:?}");
+    assert!(again.stdout.is_empty(), "{again:?}");
 }
 
 #[test]

@@ -4,3 +4,4 @@
 mod an_aircraft_needs_no_simulations;
 mod other_languages_read_the_same_bytes;
 mod scripts_can_rely_on_exit_codes;
+mod wrong_commands_are_refused;

@@ -72,11 +72,16 @@ impl<'a> Deref for Keys<'a> {
 impl Keys<'_> {
     pub fn spec(&self) -> Result<LidarSpec, Mistake> {
         let kind = self.check_names(&KINDS, "lidar", KEYS, SIMULATED)?;
+        // First what does not hang on the model: a wrong one hides nothing else then.
+        let offset = |key| self.number(key, 0.0, -5.0..=5.0);
+        let position = Point::new(offset("forward_m")?, offset("right_m")?, offset("down_m")?);
+        let mounting = self.mounting()?;
+        let [sensor_address, host_address] = [self.address("sensor_address")?, self.address("host_address")?];
+        let (blind, metadata) = (self.blind()?, self.path("metadata")?);
         let model = self.model(kind)?;
         let device = self.device(model)?;
         self.check_keys(model, &device)?;
         let [min_m, max_m] = self.ranges(model)?;
-        let offset = |key| self.number(key, 0.0, -5.0..=5.0);
         let velodyne = matches!(
             model.connection,
             Connection::Network(NetworkProtocol::Velodyne(_))
@@ -85,8 +90,8 @@ impl Keys<'_> {
             name: self.sensor.to_owned(),
             rate_hz: self.number("rate_hz", model.rate_hz, 2.0..=50.0)?,
             cloud: CloudSpec {
-                position: Point::new(offset("forward_m")?, offset("right_m")?, offset("down_m")?),
-                mounting: self.mounting()?,
+                position,
+                mounting,
                 range_min_m: min_m as f32,
                 range_max_m: max_m as f32,
                 sigma_m: self.number("sigma_m", model.sigma_m, 0.0..=10.0)? as f32,
@@ -104,12 +109,12 @@ impl Keys<'_> {
                 )?,
                 // Velodyne lists the last return first.
                 strongest: u8::from(velodyne),
-                blind: self.blind()?,
+                blind,
             },
             beams: self.number("beams", f64::from(model.beams), 90.0..=SCAN_BEAMS as f64)? as u32,
-            metadata: self.path("metadata")?,
-            sensor_address: self.address("sensor_address")?,
-            host_address: self.address("host_address")?,
+            metadata,
+            sensor_address,
+            host_address,
             control_port: self.number("control_port", 0.0, 1.0..=65_535.0)? as u16,
             model,
             device,

@@ -27,6 +27,7 @@ use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Flag, SampleHeader, Stage, Timestamp, topics};
 use kept::{FlightFile, ProvenProfile};
+pub use opening::check_links;
 use opening::open_links;
 use std::fmt::{self, Display};
 use std::os::fd::BorrowedFd;

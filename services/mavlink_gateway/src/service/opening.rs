@@ -1,12 +1,41 @@
 //! Opening the links of the configuration.
 
 use super::needs;
+use crate::{ProfileChoice, Representation};
 use jink_mavlink_link::link::{Link, LinkError};
-use jink_mavlink_link::links::{LinkSetup, Links};
+use jink_mavlink_link::links::{LinkSetup, Links, SetupCause};
 use jink_mavlink_link::tlog::Tlog;
-use jink_runtime::{Ports, StartError};
+use jink_runtime::{Ports, StartError, config};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// What is wrong with the links of a configuration: the table, its key, and the sentence.
+pub fn check_links(settings: &config::Link) -> Vec<(String, String, String)> {
+    let rows = settings.rows();
+    let of_links = rows
+        .iter()
+        .filter_map(|row| LinkSetup::of(row).err().map(|error| (row, error)));
+    let mut mistakes: Vec<_> = of_links
+        .map(|(row, error)| {
+            let key = error.key.strip_prefix(&row.table).unwrap_or_default();
+            let key = key.trim_start_matches('.').split(' ').next().unwrap_or_default();
+            // The address names itself.
+            let sentence = match (&error.cause, row.table.as_str()) {
+                (SetupCause::Address(cause), "link") => cause.to_string(),
+                _ => error.to_string(),
+            };
+            (row.table.clone(), key.to_owned(), sentence)
+        })
+        .collect();
+    let mut word = |key: &str, refused: Option<String>| {
+        mistakes.extend(refused.map(|cause| ("link".to_owned(), key.to_owned(), cause)));
+    };
+    let profile = settings.profile.parse::<ProfileChoice>();
+    word("profile", profile.err().map(|error| error.to_string()));
+    let output = settings.output.parse::<Representation>();
+    word("output", output.err().map(|error| error.to_string()));
+    mistakes
+}
 
 /// How long a restarted gateway waits for its port to be let go (s).
 const RELEASE_S: f64 = 0.3;

@@ -4,9 +4,10 @@
 //! `vehicle` is the world, the vehicle and its autopilot, which speaks MAVLink over UDP; `sensors` renders the
 //! configured sensors around the vehicle's true pose, or, as `sensors external`, around somebody else's vehicle, whose
 //! pose comes from `vehicle/state`. With `simulation.sitl` the vehicle's autopilot is a real one in simulation. As a tool,
-//! `jink-simulator world` prints a world, `jink-simulator sitl` what a build of an autopilot offers, and `jink-simulator fly` is
-//! a ground station that flies a mission.
+//! `jink-simulator world` prints a world, `jink-simulator check` what is wrong with a configuration, `jink-simulator sitl` what a
+//! build of an autopilot offers, and `jink-simulator fly` is a ground station that flies a mission.
 
+mod check;
 mod fly;
 mod sitl;
 mod sitl_vehicle;
@@ -55,6 +56,7 @@ pub fn main() -> ExitCode {
     jink_runtime::descriptors::reserve();
     let arguments: Vec<String> = std::env::args().collect();
     match arguments.get(1).map(String::as_str) {
+        Some("check") => return check::run(),
         Some("world") => return world::run(),
         Some("fly") => return fly::run(),
         Some("sitl") => return sitl::run(),
@@ -69,7 +71,7 @@ pub fn main() -> ExitCode {
         Some("sensors") => jink_runtime::run::<SensorService>(),
         other => {
             eprintln!(
-                "jink-simulator: {}: expected a tool (world, sitl, fly) or, behind --, a role (vehicle, sensors)",
+                "jink-simulator: {}: expected a tool (check, world, sitl, fly) or, behind --, a role (vehicle, sensors)",
                 other.map_or("no role".to_owned(), |role| format!("unknown role {role:?}"))
             );
             ExitCode::from(jink_runtime::service::EXIT_CANNOT_START)

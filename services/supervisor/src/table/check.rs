@@ -79,10 +79,12 @@ pub(super) fn output_is_there(rows: &[ProcessRow], file: &Path) -> Result<(), Co
     }
 }
 
-/// Where sensors are real, each of `sensors` is measured by something: a driver of ours, a program of others, the
-/// autopilot.
-pub(super) fn every_sensor_is_measured(rows: &[ProcessRow], sensors: &[Sensor]) -> Result<(), ConfigError> {
-    let is_measured = |sensor: &&Sensor| {
+/// Those of `sensors` that nothing measures, where they are real: no driver of ours, no program of others, not the autopilot.
+pub(super) fn not_measured<'a>(
+    rows: &'a [ProcessRow],
+    sensors: &'a [Sensor],
+) -> impl Iterator<Item = ConfigError> + 'a {
+    let is_measured = |sensor: &Sensor| {
         let topic = match sensor.output {
             SensorOutput::Cloud => topics::RANGE_CLOUD.row.name,
             SensorOutput::Scan => topics::RANGE_SCAN.row.name,
@@ -94,23 +96,19 @@ pub(super) fn every_sensor_is_measured(rows: &[ProcessRow], sensors: &[Sensor]) 
                 .iter()
                 .any(|row| is_driver(row) || row.grants.may_publish(&topic))
     };
-    let Some(sensor) = sensors.iter().find(|sensor| !is_measured(sensor)) else {
-        return Ok(());
-    };
-    let remedy = match is_user_kind(&sensor.kind) {
-        true => "the process table needs a row that publishes its topic (docs/bring_your_own_process.md)",
-        false => {
-            "give it the `device` and the `model` that it has (docs/lidars.md, docs/depth_cameras.md, docs/rangefinders.md), or remove \
-             its table; `--world forest` simulates it"
+    sensors.iter().filter(move |sensor| !is_measured(sensor)).map(|sensor| {
+        let remedy = match is_user_kind(&sensor.kind) {
+            true => "the process table needs a row that publishes its topic (docs/bring_your_own_process.md)",
+            false => {
+                "give it the `device` and the `model` that it has (docs/lidars.md, docs/depth_cameras.md, docs/rangefinders.md), or \
+                 remove its table; `--world forest` simulates it"
+            }
+        };
+        ConfigError {
+            file: PathBuf::from(CONFIG_FILE),
+            line: 0,
+            message: format!("sensor {:?}: no driver reads this {}: {remedy}", sensor.name, sensor.kind),
         }
-    };
-    Err(ConfigError {
-        file: PathBuf::from(CONFIG_FILE),
-        line: 0,
-        message: format!(
-            "sensor {:?}: nobody measures with a {}: {remedy}",
-            sensor.name, sensor.kind
-        ),
     })
 }
 

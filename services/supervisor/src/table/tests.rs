@@ -303,12 +303,12 @@ fn a_sensor_that_nobody_measures_with_is_refused_where_sensors_are_real() {
     for (sensor, words) in [
         (
             lidar,
-            "sensor \"lidar\": nobody measures with a lidar_3d: give it the `device`",
+            "sensor \"lidar\": no driver reads this lidar_3d: give it the `device`",
         ),
-        (unplugged, "sensor \"front\": nobody measures with a rangefinder"),
+        (unplugged, "sensor \"front\": no driver reads this rangefinder"),
         (
             "name = \"top\"\nkind = \"lidar_2d\"\ndevice = \"/dev/y\"",
-            "a lidar_2d",
+            "this lidar_2d",
         ),
         (sonar, "the process table needs a row that publishes its topic"),
     ] {

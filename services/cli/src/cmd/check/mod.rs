@@ -2,11 +2,13 @@
 //!
 //! | command | examines |
 //! |---|---|
+//! | `jink check config` | the configuration: every mistake in it, with file and line |
 //! | `jink check host` | what the board is set up for, and how late it wakes a thread |
 //! | `jink check link` | the link to the autopilot |
 //! | `jink check memory` | whether the topics have room in shared memory; also without a word behind `check` |
 //! | `jink check sensors` | the sensors of a jink that runs, and what the guard sees with them |
 
+mod config;
 mod host;
 mod link;
 mod memory;
@@ -36,6 +38,13 @@ pub struct Args {
 
 #[derive(Clone, Debug, clap::Subcommand)]
 enum Doing {
+    /// The configuration: every mistake in it at once, with file, line and the nearest valid word
+    #[command(after_help = "\
+Reads jink.toml, what lies over it and services.toml as jink and its drivers read them, and the keys and metadata that they name.
+Nothing is opened or started, and nothing has to run. `jink up` and `jink demo` ask the same before they start anything.
+
+Exit codes: 0 ready; 1 there are mistakes; 2 wrong usage.")]
+    Config(config::Args),
     /// The board: scheduler, rights, frequency, cores, clock, swap, heat, and how late it wakes a thread
     #[command(after_help = "\
 Reads what the kernel says and measures for a few seconds how late a thread is woken that sleeps a millisecond, with and without
@@ -51,7 +60,7 @@ instead.
 
 Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration.")]
     Link(link::Args),
-    /// The sensors of a running jink: whether each sends data, in time and credibly, and which directions nobody sees
+    /// The sensors of a running jink: whether each sends data, in time and credibly, and which directions no sensor covers
     #[command(after_help = "\
 Listens to what every configured sensor says and to what the guard makes of it, and changes nothing. It works on a running
 instance (`jink up`), real or simulated: on the ground before the take-off, with people and things at a distance.
@@ -89,6 +98,7 @@ enum Outcome {
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let usual = Doing::usual();
     let (outcome, json) = match args.action.as_ref().unwrap_or(&usual) {
+        Doing::Config(args) => (config::run(args)?, args.json),
         Doing::Host(args) => (host::run(args)?, args.json),
         Doing::Memory(args) => (memory::run(instance, args)?, args.json),
         Doing::Link(args) => (link::run(instance, args)?, args.json),

@@ -1,6 +1,7 @@
 //! What can be wrong with a list of sensors, and with a request to render one.
 
 use super::kind::SensorKind;
+use jink_runtime::config::sensor_table::Told;
 use jink_shared_types::orientation::{self, Contradiction};
 use jink_shared_types::ranges::CLOUD_POINTS;
 use std::fmt;
@@ -80,6 +81,20 @@ pub enum SensorError {
         /// Pixels per column.
         height_px: usize,
     },
+}
+
+impl SensorError {
+    /// The key that it is about, and the sentence.
+    pub fn told(&self) -> Told {
+        let key = match self {
+            Self::OutOfRange { option, .. } | Self::NotOfThisKind { option, .. } => option.to_string(),
+            Self::WrongOrder { low, .. } => low.to_string(),
+            Self::UnknownOrientation { .. } | Self::Mounting { .. } => "orientation".to_owned(),
+            Self::NotRendered { .. } => "kind".to_owned(),
+            Self::BadName { .. } | Self::NameTwice { .. } | Self::TooManyPixels { .. } => "name".to_owned(),
+        };
+        (Some(key), self.to_string())
+    }
 }
 
 impl fmt::Display for SensorError {

@@ -1,5 +1,6 @@
 //! Which world to build: its kind, its seed, and the errors of a wrong request.
 
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -206,15 +207,28 @@ pub enum WorldError {
     },
 }
 
+impl WorldError {
+    /// Whether the density is what is wrong.
+    pub fn is_about_density(&self) -> bool {
+        matches!(
+            self,
+            Self::DensityOutOfRange { .. } | Self::DensityWithoutTrees { .. } | Self::NoWayThrough { .. }
+        )
+    }
+}
+
 impl fmt::Display for WorldError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::UnknownKind { name } => {
-                write!(f, "no world is called \"{name}\"; choose one of")?;
-                for (index, kind) in WorldKind::ALL.into_iter().enumerate() {
-                    write!(f, "{} {}", if index == 0 { "" } else { "," }, kind.name())?;
-                }
-                write!(f, ", or a file that ends in .toml")
+                let kinds = WorldKind::ALL;
+                let names: Vec<&str> = kinds.iter().map(WorldKind::name).collect();
+                let near = DidYouMean(nearest(name, names.iter().copied()));
+                let names = names.join(", ");
+                write!(
+                    f,
+                    "no world is called \"{name}\"; there are {names}, and files that end in .toml{near}"
+                )
             }
             Self::DensityOutOfRange { density_per_m2 } => write!(
                 f,

@@ -394,7 +394,7 @@ fn wrong_requests_say_what_is_possible() {
     let error = "jungle".parse::<WorldKind>().unwrap_err();
     assert_eq!(
         error.to_string(),
-        "no world is called \"jungle\"; choose one of forest, gap, corridor, utrap, building, empty, or a file that ends in .toml"
+        "no world is called \"jungle\"; there are forest, gap, corridor, utrap, building, empty, and files that end in .toml"
     );
     for kind in WorldKind::ALL {
         assert_eq!(kind.name().parse::<WorldKind>(), Ok(kind));
