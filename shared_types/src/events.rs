@@ -180,6 +180,9 @@ events! {
     SPEED_CUT = 64, Info, "jink: {0} m/s at most, not {1}", "None; a profile that is followed more closely allows more.";
     /// The vehicle strays farther from what it is sent than was known (cm per m/s2): plans accelerate and brake less from now on.
     TRACKING_LEARNED = 65, Warning, "jink: strays {0}, overruns {1} cm per m/s2", "Look at gains, weight and wind; OA_TRK_CUT and OA_TRK_OVER keep it.";
+    /// The vehicle flies, and no path has led nearer to the goal for so long (s): at most every half minute, until OA_BLOCKED_T and the
+    /// time for the detours that are known are over.
+    WAY_SEARCHED = 66, Notice, "jink: looking for a way round, {0} s", "None; hold, or choose another goal, if it takes too long.";
     /// Routes are made of what another program proposes, from now on or again.
     PROPOSAL_FLOWN = 70, Info, "jink: flies a proposed way", "None.";
     /// What another program proposes is not flown; the name says why. The planner's own way is.

@@ -80,7 +80,7 @@ params! {
     OA_GOAL_RAD = Float, 0.3, 0.05 .. 5.0, "m", Live, "Distance at which a goal counts as reached";
     OA_YAW_MODE = Integer, 1.0, 0.0 .. 1.0, "", Live, "Heading of planned motion: 0 as the mission asks, 1 along the path";
     OA_BLOCKED = Integer, 0.0, 0.0 .. 2.0, "", Restart, "Mission item that cannot be reached: 0 wait and notify, 1 skip it, 2 stop the mission";
-    OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, "Time without coming nearer, by the way that is left, or to where it had not been, after which a goal or mission item counts as out of reach";
+    OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, "Time without a shorter way left than any before, after which a goal or mission item counts as out of reach; flying known detours adds to it";
     OA_UNGUARDED = Integer, 0.0, 0.0 .. 1.0, "", Live, "Motion of the autopilot that jink cannot guard (orbit, unknown item): 0 hold and notify, 1 let it fly and notify";
     OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, "Range up to which rays clear the map";
     OA_DCL_START = Float, 0.0, 0.0 .. 5.0, "m", Restart, "Declaration: so near to the vehicle when it is armed, and around it while it takes off, everything is free; 0 none";

@@ -525,9 +525,10 @@ fn reason(flight: &LockStep) -> String {
 }
 
 /// What is said of a flight that does not go on.
-const CAUSES: [&events::Event; 7] = [
+const CAUSES: [&events::Event; 8] = [
     &events::SENSORS_UNFIT,
     &events::GOAL_BLOCKED,
+    &events::WAY_SEARCHED,
     &events::NO_PATH,
     &events::ITEM_BLOCKED,
     &events::RANGES_LOST,

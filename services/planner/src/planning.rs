@@ -48,6 +48,8 @@ impl Planner {
         let has_plan = departure.base_id != 0;
         self.space.set_departure(&start, SLOW_TIER, is_creeping, has_plan);
         self.found.clear();
+        // Once the goal counts as out of reach, nothing is looked for any more.
+        let looks = !self.progress.is_blocked();
         if self.space.is_narrow() {
             if desired.is_to_rest()
                 && (goal.vector() - start).norm() < NEAR_REST_M
@@ -62,7 +64,7 @@ impl Planner {
                 return true;
             }
             let Some(PathChoice { flown, found, .. }) = self.choose_crawling(departure, goal) else {
-                if self.move_to_viewpoint_crawling(departure, desired, goal, committed, route) {
+                if looks && self.move_to_viewpoint_crawling(departure, desired, goal, committed, route) {
                     return true;
                 }
                 self.space.set_departure(&start, LAST_TIER, is_creeping, has_plan);
@@ -71,6 +73,9 @@ impl Planner {
             };
             self.search.swap_path(&mut self.crawl_path);
             let target_is_goal = self.build_guide(flown, departure, goal, &found);
+            if self.progress.is_blocked() && !target_is_goal {
+                return false;
+            }
             return self.write_plan(flown, departure, desired, target_is_goal, route);
         }
         // A passage that flickers while the vehicle comes nearer is one; where it comes nowhere, none.
@@ -166,6 +171,7 @@ impl Planner {
             None => usize::MAX,
         };
         if best.is_none()
+            && looks
             && self.move_to_viewpoint(
                 SLOW_TIER,
                 viewpoints_max,
@@ -179,7 +185,7 @@ impl Planner {
             return true;
         }
         let Some(chosen) = best.or(last) else {
-            return self.move_to_viewpoint_crawling(departure, desired, goal, committed, route);
+            return looks && self.move_to_viewpoint_crawling(departure, desired, goal, committed, route);
         };
         let PathChoice { flown, found, .. } = chosen;
         if best.is_none() {
@@ -189,17 +195,19 @@ impl Planner {
         }
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
         if self.progress.is_blocked() && !target_is_goal && !departure.is_unplanned_motion() {
-            // Once the goal counts as out of reach, the vehicle departs only for a path that is known to its end, or
-            // where there was none before, or none that was flown.
+            // Once the goal counts as out of reach, the vehicle departs only for a path that is known to its end, or as short
+            // as any was before there was none, or where none was flown.
             let is_open_now = found.end != PathEnd::NearestPoint
-                && matches!(
-                    self.blocked_by,
-                    Some(Obstruction::Occupied | Obstruction::Enclosed | Obstruction::Unflown)
-                );
+                && match self.blocked_by {
+                    Some(Obstruction::Occupied | Obstruction::Enclosed) => {
+                        self.progress.is_as_short(f64::from(found.cost_m))
+                    }
+                    why => why == Some(Obstruction::Unflown),
+                };
             if !is_open_now {
                 return false;
             }
-            self.progress.reset();
+            self.progress.resume(departure.splice);
         }
         self.search.prefer_path(&self.space);
         if let Some((slow_s, way)) = too_fast_for

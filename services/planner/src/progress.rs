@@ -2,9 +2,9 @@
 //!
 //! Neither standing nor the straight distance is the criterion: a detour leads away from the goal for a while, and a
 //! vehicle may circle round a goal that it cannot reach. The criterion is the cost of the remaining path, as the search
-//! finds it: if it does not become smaller for OA_BLOCKED_T, the goal is out of reach. A detour that is found in flight
-//! makes it greater at once; the time for flying it is added. And whoever comes to a place where he has not been yet is still
-//! exploring: of those there are only so many.
+//! finds it: if the lowest since the goal is the goal does not become lower for OA_BLOCKED_T, the goal is out of reach. A
+//! detour that is found in flight makes the cost greater at once; the time for flying it is added. Nothing else counts: a path
+//! that ends before the goal has no cost of reaching it, and places where the vehicle has not been yet are no end of a search.
 
 use crate::search::{PathEnd, SearchResult};
 use jink_shared_types::Timestamp;
@@ -17,8 +17,15 @@ const SAME_GOAL_M: f64 = 0.1;
 /// Nobody watches for longer than this (s) only while planning pauses, or the planner has been stopped: that time does not
 /// count.
 const WATCHED_S: f64 = 1.0;
-/// Most time added for a detour (s): one along three sides of the map's window in a slow speed tier, or all four in a faster one, takes it.
-const DETOUR_MAX_S: f64 = 120.0;
+/// A detour takes so many times what it takes at the speed of its tier: the vehicle slows down at corners, and into and out of
+/// dead ends.
+const DETOUR_FACTOR: f64 = 2.0;
+/// Most time added for a detour (s): one along all four sides of the map's window in a slow speed tier takes it.
+const DETOUR_MAX_S: f64 = 240.0;
+/// A search is reported once it has led no nearer for so long (s): by then it is no mere bend ...
+const SEARCH_REPORTED_S: f64 = 10.0;
+/// ... and again after this time (s).
+const SEARCH_REPEATED_S: f64 = 30.0;
 
 /// Without progress for this share of the timeout the vehicle is stalled: long enough to come through a gap that flickers, and
 /// three quarters are left to try other ways.
@@ -26,7 +33,7 @@ const STALLED_SHARE: f64 = 0.25;
 
 /// Places are as large as this (m): about what is seen of a narrow way at once.
 const PLACE_M: f64 = 2.0;
-/// Places that are remembered; after so many, new ones are no progress any more.
+/// Places that are remembered.
 const PLACES: usize = 512;
 
 /// A path that was known counts as known for so long (s) after plans have failed: for a moment they do in narrow places.
@@ -43,6 +50,8 @@ pub enum Obstruction {
     Height,
     /// No path is known that ends in known-free space.
     Unseen,
+    /// Paths were known and flown, and none has led nearer.
+    NotFound,
     /// A path is known, but plans along it are not flown: the guard refuses them, or the generator makes no curve.
     Unflown,
 }
@@ -64,6 +73,7 @@ impl Obstruction {
             Obstruction::Enclosed => "no way round",
             Obstruction::Height => "height not allowed",
             Obstruction::Unseen => "way not seen",
+            Obstruction::NotFound => "no way found",
             Obstruction::Unflown => "plans not flown",
         }
     }
@@ -74,10 +84,10 @@ impl Obstruction {
 pub struct GoalProgress {
     timeout_s: f64,
     goal: Option<Point<LocalNed>>,
-    /// The smallest remaining cost so far (m), and when that was.
+    /// The lowest remaining cost since the goal is what it is (m), and when that was.
     min_m: f64,
     since: Timestamp,
-    /// The largest remaining cost since then (m).
+    /// The highest remaining cost since then (m).
     max_m: f64,
     is_blocked: bool,
     due: Timestamp,
@@ -87,6 +97,10 @@ pub struct GoalProgress {
     path_known: (Timestamp, f64),
     /// Where the vehicle has been since the goal is what it is.
     places: Vec<[i32; 3]>,
+    /// When the remaining cost became lower, or the vehicle came to a new place.
+    moved_on: Timestamp,
+    /// When it was reported last that a way is searched for.
+    reported: Timestamp,
 }
 
 impl GoalProgress {
@@ -109,6 +123,8 @@ impl GoalProgress {
             watched: Timestamp::NEVER,
             path_known: (Timestamp::NEVER, 0.0),
             places,
+            moved_on: Timestamp::NEVER,
+            reported: Timestamp::NEVER,
         }
     }
 
@@ -117,9 +133,10 @@ impl GoalProgress {
         *self = Self::with_room(self.timeout_s, std::mem::take(&mut self.places));
     }
 
-    /// Whether there has been no progress for a quarter of the time after which the goal counts as out of reach.
+    /// Whether the vehicle has come neither nearer nor to a new place for a quarter of the time after which the goal counts as
+    /// out of reach.
     pub fn is_stalled(&self, now: Timestamp) -> bool {
-        self.goal.is_some() && now.seconds_since(self.since) > STALLED_SHARE * self.timeout_s
+        self.goal.is_some() && now.seconds_since(self.moved_on) > STALLED_SHARE * self.timeout_s
     }
 
     /// Whether the goal has been out of reach, and still is.
@@ -127,9 +144,21 @@ impl GoalProgress {
         self.is_blocked
     }
 
+    /// Whether a path with the remaining cost `remaining_m` is about as short as the shortest before.
+    pub fn is_as_short(&self, remaining_m: f64) -> bool {
+        remaining_m <= self.min_m + PROGRESS_M
+    }
+
+    /// The goal does not count as out of reach any more at `now`.
+    pub fn resume(&mut self, now: Timestamp) {
+        self.is_blocked = false;
+        self.since = now;
+        self.moved_on = now;
+    }
+
     /// The path to `goal` has the remaining cost `remaining_m` at `now`, and a detour is being flown at `speed_mps`
-    /// (none: 0); `None`: not known. Returns whether the goal counts as out of reach from now on, and again after every
-    /// further timeout.
+    /// (none: 0); `None`: no path to the goal is known. Returns whether the goal counts as out of reach from now on, and again
+    /// after every further timeout.
     pub fn step(
         &mut self,
         now: Timestamp,
@@ -144,13 +173,10 @@ impl GoalProgress {
             self.reset();
             self.goal = Some(*goal);
             self.since = now;
+            self.moved_on = now;
         }
-        let unwatched_s = now.seconds_since(self.watched);
-        if self.watched.is_set() && unwatched_s > WATCHED_S {
-            self.since = self.since.plus_seconds(unwatched_s);
-            if self.is_blocked {
-                self.due = self.due.plus_seconds(unwatched_s);
-            }
+        if self.watched.is_set() && now.seconds_since(self.watched) > WATCHED_S {
+            self.pause(now);
         }
         self.watched = now;
         if let Some(remaining_m) = remaining_m {
@@ -158,6 +184,7 @@ impl GoalProgress {
                 self.min_m = remaining_m;
                 self.max_m = remaining_m;
                 self.since = now;
+                self.moved_on = now;
                 self.is_blocked = false;
             }
             self.max_m = self.max_m.max(remaining_m);
@@ -168,7 +195,7 @@ impl GoalProgress {
         let (known, known_mps) = self.path_known;
         let is_known = known_mps > 0.0 && now.seconds_since(known) < PATH_LOST_S;
         let detour_s = if is_known && self.min_m.is_finite() {
-            ((self.max_m - self.min_m) / known_mps).min(DETOUR_MAX_S)
+            (DETOUR_FACTOR * (self.max_m - self.min_m) / known_mps).min(DETOUR_MAX_S)
         } else {
             0.0
         };
@@ -181,31 +208,48 @@ impl GoalProgress {
         true
     }
 
-    /// The vehicle is at `position`, on a path that leads on to the goal as far as is known: a place where it has not been is
-    /// progress until the goal counts as out of reach.
+    /// For how long a way has been searched for (s), if that is to be reported at `now`.
+    pub fn search_to_report_s(&mut self, now: Timestamp) -> Option<f64> {
+        let searched_s = now.seconds_since(self.since);
+        let is_due = self.goal.is_some()
+            && !self.is_blocked
+            && searched_s >= SEARCH_REPORTED_S
+            && (!self.reported.is_set() || now.seconds_since(self.reported) >= SEARCH_REPEATED_S);
+        is_due.then(|| {
+            self.reported = now;
+            searched_s
+        })
+    }
+
+    /// The vehicle is at `position`, on a path that leads on to the goal as far as is known.
     pub fn explore(&mut self, now: Timestamp, position: &Point<LocalNed>) {
         let place = [position.x_m, position.y_m, position.z_m].map(|m| (m / PLACE_M).floor() as i32);
         if self.goal.is_some() && self.places.len() < PLACES && !self.places.contains(&place) {
             self.places.push(place);
-            if !self.is_blocked {
-                self.since = now;
-            }
+            self.moved_on = now;
         }
     }
 
-    /// No ranges, or no guard, until `now`: that time does not count.
+    /// No ranges, or no guard, from the last step until `now`: that time does not count.
     pub fn pause(&mut self, now: Timestamp) {
-        if self.goal.is_some() && !self.is_blocked {
-            self.since = now;
+        if self.goal.is_some() && self.watched.is_set() {
+            let paused_s = now.seconds_since(self.watched);
+            self.since = self.since.plus_seconds(paused_s);
+            if self.is_blocked {
+                self.due = self.due.plus_seconds(paused_s);
+            }
+            self.watched = now;
+            self.moved_on = now;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::GoalProgress;
+    use super::{DETOUR_MAX_S, GoalProgress};
     use jink_shared_types::Timestamp;
     use jink_shared_types::frames::Point;
+    use proptest::prelude::*;
 
     /// When the goal was out of reach within 100 s, with `remaining_m` after each time.
     fn blocked(detour_mps: f64, remaining_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
@@ -284,21 +328,75 @@ mod tests {
     }
 
     #[test]
-    fn whoever_explores_is_left_alone_until_there_is_nothing_new() {
+    fn whoever_comes_to_new_places_is_not_stalled_and_out_of_reach_all_the_same() {
         let goal = Point::new(100.0, 0.0, 0.0);
         let mut progress = GoalProgress::new(10.0);
         let due = (0..4000).map(|i| f64::from(i) * 0.1).find(|s| {
             let now = Timestamp::from_seconds(50.0 + s);
-            // Into dead ends and out of them, for 200 s; then about in the last one.
-            let along_m = if *s < 200.0 {
-                0.7 * s
-            } else {
-                140.0 - (0.7 * (s - 200.0)) % 4.0
-            };
-            progress.explore(now, &Point::new(along_m, 0.0, 0.0));
+            progress.explore(now, &Point::new(0.9 * s, 0.0, 0.0));
+            assert!(!progress.is_stalled(now));
             progress.step(now, &goal, Some(30.0), 0.0)
         });
-        assert!(due.is_some_and(|s| (205.0..225.0).contains(&s)), "{due:?}");
+        assert!(due.is_some_and(|s| (9.0..12.0).contains(&s)), "{due:?}");
+    }
+
+    #[test]
+    fn time_that_does_not_count_is_no_progress() {
+        let goal = Point::new(100.0, 0.0, 0.0);
+        let mut progress = GoalProgress::new(10.0);
+        let due = (0..1000).map(|i| f64::from(i) * 0.1).find(|s| {
+            let now = Timestamp::from_seconds(50.0 + s);
+            // Three seconds out of four something is evaded.
+            if (*s as i32) % 4 != 0 {
+                progress.pause(now);
+            }
+            progress.step(now, &goal, Some(30.0), 0.0)
+        });
+        assert!(due.is_some_and(|s| (35.0..45.0).contains(&s)), "{due:?}");
+    }
+
+    #[test]
+    fn a_search_is_reported_with_its_time_at_most_every_half_minute() {
+        let goal = Point::new(100.0, 0.0, 0.0);
+        let mut progress = GoalProgress::new(60.0);
+        let mut reported = Vec::new();
+        for s in (0..2000).map(|i| f64::from(i) * 0.1) {
+            let now = Timestamp::from_seconds(50.0 + s);
+            // Nearer for five seconds; then not, on a detour of 30 m.
+            let remaining_m = if s < 5.0 { 40.0 - s } else { 65.0 };
+            if progress.step(now, &goal, Some(remaining_m), 1.5) {
+                break;
+            }
+            if let Some(searched_s) = progress.search_to_report_s(now) {
+                reported.push((s.round(), searched_s.round()));
+            }
+        }
+        assert_eq!(reported, [(15.0, 10.0), (45.0, 40.0), (75.0, 70.0)]);
+    }
+
+    proptest! {
+        /// Whatever a search pretends, the time for a goal ends: the lowest cost falls only so often.
+        #[test]
+        fn every_goal_has_an_end_whatever_the_search_finds_and_wherever_the_vehicle_flies(
+            remaining in proptest::collection::vec((5.0..60.0f64, 0.3..3.0f64), 400),
+        ) {
+            let goal = Point::new(100.0, 0.0, 0.0);
+            let mut progress = GoalProgress::new(10.0);
+            let mut min_m = f64::INFINITY;
+            let mut since_s = 0.0;
+            let mut is_out_of_reach = false;
+            for (i, (remaining_m, speed_mps)) in remaining.into_iter().enumerate() {
+                let s = i as f64;
+                let now = Timestamp::from_seconds(50.0 + s);
+                progress.explore(now, &Point::new(2.0 * s, 0.0, 0.0));
+                if remaining_m < min_m {
+                    (min_m, since_s) = (remaining_m, s);
+                }
+                is_out_of_reach |= progress.step(now, &goal, Some(remaining_m), speed_mps);
+                prop_assert!(is_out_of_reach || s - since_s <= 10.0 + DETOUR_MAX_S, "{}", s);
+            }
+            prop_assert!(is_out_of_reach);
+        }
     }
 
     #[test]

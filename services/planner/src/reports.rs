@@ -55,8 +55,8 @@ impl Planner {
             self.progress.reset();
             return;
         }
-        let has_detour = self.obstruction.is_none();
-        let detour_mps = if has_detour {
+        let leads_on = matches!(self.obstruction, None | Some(Obstruction::Unseen));
+        let detour_mps = if leads_on {
             // As fast as the path that was planned last, where that is slow.
             let tier = self.path_tier.max(DEGRADED_TIER);
             self.limits[tier].speed_mps
@@ -66,20 +66,29 @@ impl Planner {
         if self.proposals.is_flown() {
             self.progress.pause(now);
         }
-        if matches!(self.obstruction, None | Some(Obstruction::Unseen)) {
+        if leads_on {
             self.progress.explore(now, &state.position);
         }
-        if self.progress.step(now, goal, self.remaining_m, detour_mps) {
+        // A path that ends before the goal says nothing about what it costs to reach it.
+        let remaining_m = self.remaining_m.filter(|_| leads_on);
+        if self.progress.step(now, goal, remaining_m, detour_mps) {
             let unknown = if is_unflown {
                 Obstruction::Unflown
             } else {
-                Obstruction::Unseen
+                Obstruction::NotFound
             };
             let why = self.obstruction.unwrap_or(unknown);
             self.blocked_by = Some(why);
             let away_m = (state.position.vector() - requested.vector()).norm();
             let event = EventSample::new(&events::GOAL_BLOCKED, why.text(), [away_m, 0.0]);
             self.events.push(event);
+        } else if leads_on
+            && self.failing_since.is_none()
+            && let Some(searched_s) = self.progress.search_to_report_s(now)
+        {
+            let numbers = [searched_s.round(), 0.0];
+            self.events
+                .push(EventSample::new(&events::WAY_SEARCHED, "planner", numbers));
         }
     }
 

@@ -17,6 +17,7 @@ mod a_bad_link_slows_and_never_crashes;
 mod a_blocked_mission_item_is_helped_by_policy;
 mod a_distance_to_keep_is_kept_by_every_motion;
 mod a_forest_is_crossed_without_a_scratch;
+mod a_goal_out_of_reach_is_told_and_not_circled;
 mod a_mission_changed_in_flight_is_flown_as_changed;
 mod a_mission_that_the_autopilot_flies_is_led_around;
 mod a_narrow_place_is_left_again;
@@ -63,6 +64,7 @@ fn main() -> ExitCode {
         a_blocked_mission_item_is_helped_by_policy: skip_flights, stop_flights, reported_once_and_waited_for;
         a_distance_to_keep_is_kept_by_every_motion: forest_flights;
         a_forest_is_crossed_without_a_scratch: forest_flights, trap_flights, world_flights, the_same_seed_gives_the_same_flight_to_the_bit;
+        a_goal_out_of_reach_is_told_and_not_circled: closed_flights;
         a_mission_changed_in_flight_is_flown_as_changed:
             same_length_flights, other_length_flights, item_flights, chosen_flights, no_mission_any_more;
         a_mission_that_the_autopilot_flies_is_led_around: forest_flights, a_gateway_that_is_restarted_leads_on;

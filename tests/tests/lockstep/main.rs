@@ -7,6 +7,7 @@ mod a_bad_link_slows_and_never_crashes;
 mod a_blocked_mission_item_is_helped_by_policy;
 mod a_distance_to_keep_is_kept_by_every_motion;
 mod a_forest_is_crossed_without_a_scratch;
+mod a_goal_out_of_reach_is_told_and_not_circled;
 mod a_mission_changed_in_flight_is_flown_as_changed;
 mod a_mission_that_the_autopilot_flies_is_led_around;
 mod a_narrow_place_is_left_again;
