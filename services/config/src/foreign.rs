@@ -391,6 +391,7 @@ fn leaked_list<'a>(texts: impl Iterator<Item = &'a str>) -> &'static [&'static s
 mod tests {
     use super::{Foreign, Grants};
     use crate::{Sensor, SensorOutput};
+    use jink_shared_types::view::FieldOfView;
     use std::path::Path;
 
     const TOPIC: &str = "[[topic]]\nname = \"user/wind\"\npayload = \"Wind\"\nsize_bytes = 24\n";
@@ -514,6 +515,7 @@ mod tests {
             delay_s: 0.0,
             band_m: [0.0; 2],
             no_return_is_clear: false,
+            nominal_view: FieldOfView::default(),
         };
         let (missing, near) = grants.without_sensor(&[sensor]).unwrap();
         assert_eq!(

@@ -5,6 +5,7 @@
 mod foreign;
 mod link;
 mod mistakes;
+mod nominal_view;
 mod overlay;
 mod parameters;
 pub mod sensor_sets;
@@ -20,6 +21,7 @@ pub use overlay::{
 use jink_shared_types::params::{Param, ParamSet};
 use jink_shared_types::ranges::{SENSORS, deadline_us};
 use jink_shared_types::suggestion::{DidYouMean, nearest};
+use jink_shared_types::view::FieldOfView;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -153,6 +155,8 @@ pub struct Sensor {
     pub band_m: [f64; 2],
     /// Declaration of the user: a ray without an answer met nothing.
     pub no_return_is_clear: bool,
+    /// The directions (body) at which its model looks, for one that does not say where it got no answer; else empty.
+    pub nominal_view: FieldOfView,
 }
 
 impl Sensor {
@@ -342,6 +346,7 @@ impl Config {
             output,
             band_m,
             no_return_is_clear,
+            nominal_view: nominal_view::nominal_view(name, &table.of_the_driver),
             kind: table.kind.get_ref().clone(),
             has_device: table.of_the_driver.contains_key("device"),
             rate_hz: rate_hz.filter(|rate_hz| *rate_hz > 0.0),

@@ -270,6 +270,12 @@ impl Planner {
         self
     }
 
+    /// Adds the directions at which one of them looks by its model.
+    pub fn with_nominal_view(mut self, view: &FieldOfView) -> Self {
+        self.coverage.add_nominal(view);
+        self
+    }
+
     /// The events of the last step for the pilot.
     pub fn events(&self) -> &[EventSample] {
         &self.events

@@ -1,5 +1,9 @@
 //! Whether a vehicle with these sensors can be planned for at all: reported while it stands on the ground, and, with
 //! what the user declares, when it is armed.
+//!
+//! What nothing was seen of yet is not missing. Some sensors do not say where they got no answer: while all send and have
+//! answered, they look where their models do. And who begins to plan in the air does not judge: on the ground it was judged, and
+//! there what is below was hidden.
 
 use super::Planner;
 use crate::speed_tiers::CRAWL_TIER;
@@ -8,7 +12,7 @@ use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::map::{LocalMap, declared_as};
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::VehicleState;
-use jink_shared_types::view::{Missing, Needs};
+use jink_shared_types::view::{FieldOfView, Missing, Needs};
 
 /// Time in which every sensor has covered its field of view (s).
 const OBSERVED_S: f64 = 1.5;
@@ -17,6 +21,8 @@ const OBSERVED_S: f64 = 1.5;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SensorCoverage {
     needs: Needs,
+    /// Where the sensors look by their models.
+    nominal: FieldOfView,
     /// Since when there are answers of sensors.
     since: Timestamp,
     /// What was missing at the last check; the outer `None`: not checked yet.
@@ -34,10 +40,16 @@ impl SensorCoverage {
                 no_overhang: false,
                 is_landed: false,
             },
+            nominal: FieldOfView::default(),
             since: Timestamp::NEVER,
             judged: None,
             was_armed: None,
         }
+    }
+
+    /// The directions at which a sensor looks by its model, besides those of others.
+    pub fn add_nominal(&mut self, view: &FieldOfView) {
+        self.nominal.join(view);
     }
 
     /// What no sensor sees, by the last check.
@@ -65,8 +77,8 @@ impl Planner {
             self.events
                 .extend(declared.map(|(_, name)| EventSample::new(&events::DECLARED, name, [0.0; 2])));
         }
-        let is_judged = self.coverage.judged.is_some();
-        if now.seconds_since(self.coverage.since) < OBSERVED_S || is_judged && is_armed && !is_arming {
+        let is_late = is_armed && !is_arming && (self.coverage.judged.is_some() || !state.landed.is_set());
+        if now.seconds_since(self.coverage.since) < OBSERVED_S || is_late {
             return;
         }
         let needs = Needs {
@@ -75,7 +87,11 @@ impl Planner {
             clearance_m: self.space.radius_m(CRAWL_TIER),
             ..self.coverage.needs
         };
-        let missing = map.view.missing(&needs);
+        let mut view = map.view;
+        if map.live_sensors >= self.sensors && view.sensors >= u32::from(self.sensors) {
+            view.join(&self.coverage.nominal);
+        }
+        let missing = view.missing(&needs);
         let is_new = self.coverage.judged.replace(missing) != Some(missing) || is_arming;
         if let (Some(missing), true) = (missing, is_new) {
             self.events.push(EventSample::new(

@@ -46,9 +46,13 @@ impl Service for PlannerService {
     const PROGRAM: &'static str = "planner";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let sensors = &ports.config().sensors;
+        let planner =
+            Planner::new(&ports.config().params, ports.setup().generation).with_sensors(sensors.len() as u16);
         Ok(Self {
-            planner: Planner::new(&ports.config().params, ports.setup().generation)
-                .with_sensors(ports.config().sensors.len() as u16),
+            planner: sensors.iter().fold(planner, |planner, sensor| {
+                planner.with_nominal_view(&sensor.nominal_view)
+            }),
             route: Route::default(),
             map: ports.trigger(topics::LOCAL_MAP)?.needed(),
             far: ports.input(topics::FAR_MAP)?,
