@@ -117,7 +117,7 @@ events! {
     /// It does nothing any more.
     PREVENTION_RESTS = 33, Info, "jink: prevention released", "None.";
     /// There are no range data, and it lets nothing move.
-    PREVENTION_BLIND = 34, Critical, "jink: no range data, not moving", "Switch it off (CP_DIST) or change the mode.";
+    PREVENTION_BLIND = 34, Critical, "jink: no range data, not moving", "Change the mode.";
     /// There have been none for so long that the vehicle holds.
     PREVENTION_HOLDS = 35, Critical, "jink: no range data, asking for Hold", "Look at the sensors; land.";
     /// A pilot's sticks pass through the guard from now on, or again.
@@ -149,7 +149,7 @@ events! {
     /// The telemetry log cannot be begun, or ends: its disk is full or gone.
     TELEMETRY_LOG_LOST = 49, Warning, "jink: no telemetry log", "Make room on its disk, or name another folder in link.tlog.";
     /// The current mission item is a motion that cannot be guarded, and is not begun; the name says which.
-    ITEM_HELD = 50, Warning, "jink: item {0} {name}: unguarded, held", "Choose another item, fly it by hand, or set OA_UNGUARDED.";
+    ITEM_HELD = 50, Warning, "jink: item {0} {name}: unguarded, held", "Choose another item, or fly it by hand; OA_UNGUARDED, set before the flight, lets it be flown.";
     /// The same, and OA_UNGUARDED lets the autopilot fly it.
     ITEM_UNGUARDED = 51, Warning, "jink: item {0} {name} flown unguarded", "Watch it; hold if something is in the way.";
     /// A spline item is flown along straight legs.
@@ -173,7 +173,7 @@ events! {
     /// No setpoint is sent, because the autopilot does not say whether the vehicle stands on the ground.
     LANDED_UNKNOWN = 61, Warning, "jink: landed state not known, no setpoints", "Let the autopilot send EXTENDED_SYS_STATE.";
     /// Somebody chose a mode of the autopilot's whose motion cannot be guarded, in flight; the name says which.
-    MODE_HELD = 62, Warning, "jink: {name}: unguarded, held", "Fly it by hand, choose it once more to mean it, or set OA_UNGUARDED.";
+    MODE_HELD = 62, Warning, "jink: {name}: unguarded, held", "Fly it by hand, or choose it once more to mean it.";
     /// The same, and it is let fly.
     MODE_UNGUARDED = 63, Warning, "jink: {name} flown unguarded", "Watch it; hold if something is in the way.";
     /// Plans do not reach the highest speed that is allowed (m/s): they end at rest in known space, braking no harder than the autopilot follows.
@@ -189,6 +189,14 @@ events! {
     PROPOSAL_REFUSED = 71, Notice, "jink: proposed way refused: {name}", "Look at plan/proposal_answer: where and why.";
     /// Nobody proposes anything any more, or the way is at its end: the planner's own way is flown.
     PROPOSAL_ENDED = 72, Info, "jink: proposed way ended, own way", "None.";
+    /// Somebody sends with the autopilot's id from another address than the autopilot; the name is the link's.
+    SECOND_SENDER = 73, Warning, "jink: {name}: second sender of our id", "Look for a program or vehicle with the same system id: it is not listened to.";
+    /// Two autopilots are heard, and the configuration does not say which one is ours; the numbers are their systems.
+    TWO_AUTOPILOTS = 74, Error, "jink: two autopilots, systems {0} and {1}", "Set link.system_id. While both are heard jink is not ready to arm; in flight the first is kept.";
+    /// The autopilot's clock and coordinates have begun anew.
+    AUTOPILOT_RESTARTED = 75, Warning, "jink: autopilot restarted", "In flight take over, or choose the mode again; on the ground none.";
+    /// A ground station wanted a parameter less safe than it is, and the vehicle is armed; the name is the parameter's.
+    LOOSENING_REFUSED = 76, Warning, "jink: {name} only while disarmed", "Change it on the ground, or with jink param set on the board.";
     /// The profile was chosen by what the autopilot is.
     PROFILE_CHOSEN = 80, Info, "jink: profile {name} chosen", "None.";
     /// The autopilot does not take what the profile sends; the name is that of the right one.
@@ -197,8 +205,8 @@ events! {
     INTERFACE_OFF = 82, Error, "jink: not ready, set {name} to 1", "Set the parameter on the autopilot.";
     /// No profile is for this autopilot.
     AUTOPILOT_UNFIT = 83, Error, "jink: not ready, autopilot not supported", "Look at the versions in README.md; update the firmware.";
-    /// The autopilot does not answer what decides about the profile.
-    PROFILE_UNPROVEN = 84, Error, "jink: not ready, autopilot answers nothing", "Check the wire to the autopilot, and signing.";
+    /// The autopilot does not answer what decides about the profile; the name is the first question that is open.
+    PROFILE_UNPROVEN = 84, Error, "jink: not ready, no answer to {name}", "Check the wire to the autopilot, and signing.";
     /// Somebody ends jink in flight: the vehicle comes to rest, and is left to the autopilot's own hold.
     STOPPING_TO_END = 85, Warning, "jink: ending, stopping the vehicle", "Be ready to take over: nobody looks for obstacles soon.";
     /// Samples of a process, or on a topic, have stamps in the future or numbers that make no sense; nobody reads them.

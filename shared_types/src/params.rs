@@ -22,8 +22,19 @@ pub enum ParamType {
 pub enum Apply {
     /// At once.
     Live,
-    /// At the next start of the services.
+    /// At the next start of jink as a whole: a service that is started again works on with the value that the others have.
     Restart,
+}
+
+/// In which direction a change leaves less safety.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loosens {
+    /// In none.
+    Never,
+    /// Downwards.
+    Lower,
+    /// Upwards.
+    Higher,
 }
 
 /// One row of the table.
@@ -45,10 +56,25 @@ pub struct Param {
     pub help: &'static str,
     /// When a change takes effect.
     pub apply: Apply,
+    /// Which changes leave less safety: a ground station makes them only while the vehicle is disarmed.
+    pub loosens: Loosens,
+}
+
+impl Param {
+    /// Whether `to` in place of `from` leaves less safety.
+    pub fn is_loosened(&self, from: f64, to: f64) -> bool {
+        // Values come over links in single precision: the one in force, sent back, is no change.
+        let [from, to] = [from, to].map(|value| value as f32);
+        match self.loosens {
+            Loosens::Never => false,
+            Loosens::Lower => to < from,
+            Loosens::Higher => to > from,
+        }
+    }
 }
 
 macro_rules! params {
-    ($( $name:ident = $kind:ident, $default:literal, $min:literal .. $max:literal, $unit:literal, $apply:ident, $help:literal; )*) => {
+    ($( $name:ident = $kind:ident, $default:literal, $min:literal .. $max:literal, $unit:literal, $apply:ident, $loosens:ident, $help:literal; )*) => {
         $(
             #[doc = $help]
             pub const $name: Param = Param {
@@ -60,6 +86,7 @@ macro_rules! params {
                 unit: $unit,
                 help: $help,
                 apply: Apply::$apply,
+                loosens: Loosens::$loosens,
             };
         )*
         /// Every parameter, in a fixed order.
@@ -68,42 +95,42 @@ macro_rules! params {
 }
 
 params! {
-    OA_VEH_RADIUS = Float, 0.30, 0.05 .. 3.0, "m", Restart, "Radius of the sphere around the centre of gravity that holds the whole vehicle, propellers included";
-    OA_MAP_ERR = Float, 0.10, 0.0 .. 1.0, "m", Restart, "Error of the map that motion must allow for besides the cell size: sensor noise and pose error";
-    OA_SPD_MAX = Float, 3.0, 0.3 .. 20.0, "m/s", Live, "Highest speed of a planned motion";
-    OA_SPD_CLIMB = Float, 1.5, 0.2 .. 5.0, "m/s", Live, "Highest speed upwards";
-    OA_SPD_DESC = Float, 1.0, 0.2 .. 5.0, "m/s", Live, "Highest speed downwards";
-    OA_TRK_CUT = Float, 0.0, 0.0 .. 2.0, "s2", Live, "Corners that the vehicle cuts, in metres per m/s2 of acceleration: learned in flight where it is more than what is known of the profile; 0 forgets it";
-    OA_TRK_OVER = Float, 0.0, 0.0 .. 2.0, "s2", Live, "Overshoot of stops, in metres per m/s2 of deceleration: learned in flight where it is more than what is known of the profile; 0 forgets it";
-    OA_ALT_MIN = Float, 1.0, 0.0 .. 100.0, "m", Live, "Lowest height above home that a planned motion may use";
-    OA_ALT_MAX = Float, 120.0, 1.0 .. 1000.0, "m", Live, "Greatest height above home that a planned motion may use";
-    OA_GOAL_RAD = Float, 0.3, 0.05 .. 5.0, "m", Live, "Distance at which a goal counts as reached";
-    OA_YAW_MODE = Integer, 1.0, 0.0 .. 1.0, "", Live, "Heading of planned motion: 0 as the mission asks, 1 along the path";
-    OA_BLOCKED = Integer, 0.0, 0.0 .. 2.0, "", Restart, "Mission item that cannot be reached: 0 wait and notify, 1 skip it, 2 stop the mission";
-    OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, "Time without a shorter way left than any before, after which a goal or mission item counts as out of reach; flying known detours adds to it";
-    OA_UNGUARDED = Integer, 0.0, 0.0 .. 1.0, "", Live, "Motion of the autopilot that jink cannot guard (orbit, unknown item): 0 hold and notify, 1 let it fly and notify";
-    OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, "Range up to which rays clear the map";
-    OA_DCL_START = Float, 0.0, 0.0 .. 5.0, "m", Restart, "Declaration: so near to the vehicle when it is armed, and around it while it takes off, everything is free; 0 none";
-    OA_DCL_HANG_LO = Float, 0.0, 0.0 .. 500.0, "m", Restart, "Declaration: nothing hangs from above from this height above home ...";
-    OA_DCL_HANG_HI = Float, 0.0, 0.0 .. 500.0, "m", Restart, "... to this one; equal to the other: not declared";
-    GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, "Distance the guard keeps besides the vehicle radius";
-    GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, "Half height of the band around the vehicle in which the guard counts obstacles";
-    GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, "Deceleration the guard counts on and brakes with";
-    GD_DELAY = Float, 0.35, 0.0 .. 2.0, "s", Live, "Reaction time the guard counts on: sensor, link and autopilot";
-    CP_DIST = Float, -1.0, -1.0 .. 15.0, "m", Live, "Distance that collision prevention keeps from everything; zero and below switch it off";
-    CP_DELAY = Float, 0.4, 0.0 .. 1.0, "s", Live, "Delay of sensors, link and tracking that collision prevention allows for";
-    CP_GUIDE_ANG = Float, 30.0, 0.0 .. 90.0, "deg", Live, "How far to either side collision prevention looks for a better direction";
-    CP_GO_NO_DATA = Integer, 0.0, 0.0 .. 1.0, "", Live, "Motion where no sensor has ever looked: 0 no, 1 yes";
-    MPC_XY_P = Float, 0.95, 0.0 .. 2.0, "1/s", Live, "Position gain of the autopilot, for collision prevention, OFFBOARD and external avoidance: as set there";
-    MPC_VEL_MANUAL = Float, 10.0, 3.0 .. 20.0, "m/s", Live, "Speed of a full stick, for collision prevention: as set on the autopilot";
-    MPC_JERK_MAX = Float, 8.0, 0.5 .. 500.0, "m/s3", Live, "Jerk with which the vehicle begins to brake, for collision prevention";
-    MPC_ACC_HOR = Float, 3.0, 2.0 .. 15.0, "m/s2", Live, "Acceleration with which the vehicle brakes, for collision prevention";
-    MPC_XY_VEL_P_ACC = Float, 1.8, 1.2 .. 5.0, "1/s", Live, "Acceleration for each m/s of wrong speed, for collision prevention";
-    OA_ASSIST_CH = Integer, 0.0, 0.0 .. 18.0, "", Live, "Channel of the remote control whose upper end switches assisted flight on; 0 none, by command only";
-    OA_ASSIST_YAW = Float, 60.0, 10.0 .. 200.0, "deg/s", Live, "Heading rate of a full stick in assisted flight";
-    GW_RATE = Float, 20.0, 5.0 .. 50.0, "Hz", Restart, "Rate of the setpoint stream to the autopilot";
-    GW_OBST_RATE = Float, 0.0, 0.0 .. 30.0, "Hz", Live, "Rate of the obstacle maps to the autopilot, which may pass them on to ground stations; 0 as it needs them";
-    GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, "Duration of each Bezier curve sent to the autopilot";
+    OA_VEH_RADIUS = Float, 0.30, 0.05 .. 3.0, "m", Restart, Lower, "Radius of the sphere around the centre of gravity that holds the whole vehicle, propellers included";
+    OA_MAP_ERR = Float, 0.10, 0.0 .. 1.0, "m", Restart, Lower, "Error of the map that motion must allow for besides the cell size: sensor noise and pose error";
+    OA_SPD_MAX = Float, 3.0, 0.3 .. 20.0, "m/s", Live, Higher, "Highest speed of a planned motion";
+    OA_SPD_CLIMB = Float, 1.5, 0.2 .. 5.0, "m/s", Live, Higher, "Highest speed upwards";
+    OA_SPD_DESC = Float, 1.0, 0.2 .. 5.0, "m/s", Live, Higher, "Highest speed downwards";
+    OA_TRK_CUT = Float, 0.0, 0.0 .. 2.0, "s2", Live, Lower, "Corners that the vehicle cuts, in metres per m/s2 of acceleration: learned in flight where it is more than what is known of the profile; 0 forgets it";
+    OA_TRK_OVER = Float, 0.0, 0.0 .. 2.0, "s2", Live, Lower, "Overshoot of stops, in metres per m/s2 of deceleration: learned in flight where it is more than what is known of the profile; 0 forgets it";
+    OA_ALT_MIN = Float, 1.0, 0.0 .. 100.0, "m", Live, Lower, "Lowest height above home that a planned motion may use";
+    OA_ALT_MAX = Float, 120.0, 1.0 .. 1000.0, "m", Live, Higher, "Greatest height above home that a planned motion may use";
+    OA_GOAL_RAD = Float, 0.3, 0.05 .. 5.0, "m", Live, Never, "Distance at which a goal counts as reached";
+    OA_YAW_MODE = Integer, 1.0, 0.0 .. 1.0, "", Live, Never, "Heading of planned motion: 0 as the mission asks, 1 along the path";
+    OA_BLOCKED = Integer, 0.0, 0.0 .. 2.0, "", Restart, Never, "Mission item that cannot be reached: 0 wait and notify, 1 skip it, 2 stop the mission";
+    OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, Never, "Time without a shorter way left than any before, after which a goal or mission item counts as out of reach; flying known detours adds to it";
+    OA_UNGUARDED = Integer, 0.0, 0.0 .. 1.0, "", Live, Higher, "Motion of the autopilot that jink cannot guard (orbit, unknown item): 0 hold and notify, 1 let it fly and notify";
+    OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, Higher, "Range up to which rays clear the map";
+    OA_DCL_START = Float, 0.0, 0.0 .. 5.0, "m", Restart, Higher, "Declaration: so near to the vehicle when it is armed, and around it while it takes off, everything is free; 0 none";
+    OA_DCL_HANG_LO = Float, 0.0, 0.0 .. 500.0, "m", Restart, Lower, "Declaration: nothing hangs from above from this height above home ...";
+    OA_DCL_HANG_HI = Float, 0.0, 0.0 .. 500.0, "m", Restart, Higher, "... to this one; equal to the other: not declared";
+    GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, Lower, "Distance the guard keeps besides the vehicle radius";
+    GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, Lower, "Half height of the band around the vehicle in which the guard counts obstacles";
+    GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, Higher, "Deceleration the guard counts on and brakes with";
+    GD_DELAY = Float, 0.35, 0.0 .. 2.0, "s", Live, Lower, "Reaction time the guard counts on: sensor, link and autopilot";
+    CP_DIST = Float, -1.0, -1.0 .. 15.0, "m", Live, Lower, "Distance that collision prevention keeps from everything; zero and below switch it off";
+    CP_DELAY = Float, 0.4, 0.0 .. 1.0, "s", Live, Lower, "Delay of sensors, link and tracking that collision prevention allows for";
+    CP_GUIDE_ANG = Float, 30.0, 0.0 .. 90.0, "deg", Live, Never, "How far to either side collision prevention looks for a better direction";
+    CP_GO_NO_DATA = Integer, 0.0, 0.0 .. 1.0, "", Live, Higher, "Motion where no sensor has ever looked: 0 no, 1 yes";
+    MPC_XY_P = Float, 0.95, 0.0 .. 2.0, "1/s", Live, Higher, "Position gain of the autopilot, for collision prevention, OFFBOARD and external avoidance: as set there";
+    MPC_VEL_MANUAL = Float, 10.0, 3.0 .. 20.0, "m/s", Live, Higher, "Speed of a full stick, for collision prevention: as set on the autopilot";
+    MPC_JERK_MAX = Float, 8.0, 0.5 .. 500.0, "m/s3", Live, Higher, "Jerk with which the vehicle begins to brake, for collision prevention";
+    MPC_ACC_HOR = Float, 3.0, 2.0 .. 15.0, "m/s2", Live, Higher, "Acceleration with which the vehicle brakes, for collision prevention";
+    MPC_XY_VEL_P_ACC = Float, 1.8, 1.2 .. 5.0, "1/s", Live, Higher, "Acceleration for each m/s of wrong speed, for collision prevention";
+    OA_ASSIST_CH = Integer, 0.0, 0.0 .. 18.0, "", Live, Never, "Channel of the remote control whose upper end switches assisted flight on; 0 none, by command only";
+    OA_ASSIST_YAW = Float, 60.0, 10.0 .. 200.0, "deg/s", Live, Never, "Heading rate of a full stick in assisted flight";
+    GW_RATE = Float, 20.0, 5.0 .. 50.0, "Hz", Restart, Never, "Rate of the setpoint stream to the autopilot";
+    GW_OBST_RATE = Float, 0.0, 0.0 .. 30.0, "Hz", Live, Never, "Rate of the obstacle maps to the autopilot, which may pass them on to ground stations; 0 as it needs them";
+    GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, Never, "Duration of each Bezier curve sent to the autopilot";
 }
 
 /// The lower and the upper end of one span: values in force never have the first above the second.

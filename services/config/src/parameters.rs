@@ -12,7 +12,7 @@
 use super::ConfigError;
 use super::foreign::leaked;
 use jink_shared_types::param_messages::PARAMETERS_MAX;
-use jink_shared_types::params::{Apply, Param, ParamType, TABLE, USER_PARAMETERS};
+use jink_shared_types::params::{Apply, Loosens, Param, ParamType, TABLE, USER_PARAMETERS};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -138,6 +138,7 @@ fn row(written: &Spanned<Written>, at: &impl Fn(usize, String) -> ConfigError) -
             Some(false) => Apply::Restart,
             _ => Apply::Live,
         },
+        loosens: Loosens::Never,
     })
 }
 

@@ -10,13 +10,15 @@ use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::exchange;
 use jink_mavlink_link::message::{Body, Command, CommandAck, Content};
 use jink_mavlink_link::ticker::Ticker;
-use jink_shared_types::events::{EventSample, GOAL_BLOCKED, RESTART_REFUSED};
+use jink_shared_types::events::{EventSample, GOAL_BLOCKED, LOOSENING_REFUSED, RESTART_REFUSED};
 use jink_shared_types::ground::{ANY_LINK, Armed, GroundAction, GroundAnswer, GroundRequest};
 use jink_shared_types::health::Name;
 use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::{Coded, Flag, Timestamp};
-use mavlink::dialect::{FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult};
+use mavlink::dialect::{
+    FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavParamError, MavResult,
+};
 
 /// The process that talks to the autopilot, as it stands in its events.
 const GATEWAY: &str = "mavlink_gateway";
@@ -213,7 +215,18 @@ impl GroundServices {
                 reply(self.parameters.request_read(from, request, !named), outputs);
             }
             MavMessage::PARAM_SET(request) if named => {
-                reply(self.parameters.request_set(now, from, request), outputs);
+                let is_disarmed = question.armed() == Some(false);
+                let answer = self.parameters.request_set(now, from, request, is_disarmed);
+                let denied = MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED;
+                if answer.error.as_ref().is_some_and(|error| error.error == denied) {
+                    let name = request.param_id.to_str().unwrap_or_default();
+                    self.explain(
+                        now,
+                        &EventSample::new(&LOOSENING_REFUSED, name, [0.0; 2]),
+                        outputs,
+                    );
+                }
+                reply(answer, outputs);
             }
             MavMessage::FILE_TRANSFER_PROTOCOL(request) if named => {
                 if let Some(payload) = self.files.take(now, from, &request.payload) {
@@ -315,11 +328,7 @@ impl GroundServices {
                 None
             }
             CommandAction::ExplainRefusal => {
-                let event = EventSample::new(&RESTART_REFUSED, "", [0.0; 2]);
-                self.texts.push(now, &event);
-                if outputs.events.len() < EVENTS {
-                    outputs.events.push(event);
-                }
+                self.explain(now, &EventSample::new(&RESTART_REFUSED, "", [0.0; 2]), outputs);
                 None
             }
             CommandAction::ReportInterval(id, message) => {
@@ -354,6 +363,14 @@ impl GroundServices {
                 Answerable::Protocol => Some(version::protocol()),
                 Answerable::Metadata => Some(version::metadata(now, self.files.general_crc())),
             },
+        }
+    }
+
+    /// Says to the pilot and to all who read `event` why something was refused.
+    fn explain(&mut self, now: Timestamp, event: &EventSample, outputs: &mut Outputs) {
+        self.texts.push(now, event);
+        if outputs.events.len() < EVENTS {
+            outputs.events.push(*event);
         }
     }
 

@@ -7,6 +7,7 @@
 //! | PARAM_REQUEST_READ by name or number, also to all components | PARAM_VALUE at once |
 //! | PARAM_SET, to us only | the parameter server is asked ([`ParameterChange`]); with its answer PARAM_VALUE with the value in force, to everybody |
 //! | the same, and the server does not answer | after [`PATIENCE_S`] PARAM_VALUE with the value that stays |
+//! | the same, of a value that leaves less safety than the one in force, unless the vehicle is disarmed | PARAM_ERROR, PERMISSION_DENIED |
 //! | the same, refused: outside its range, or beyond the other end of its span | PARAM_ERROR with the reason to whoever asked, and PARAM_VALUE with the value that stays |
 //! | a value has changed for another reason ([`ParameterValues`]) | PARAM_VALUE, so that ground stations follow |
 //!
@@ -156,7 +157,13 @@ impl Parameters {
     }
 
     /// Somebody wants one changed. If that can be, the answer comes with the parameter server's.
-    pub fn request_set(&mut self, now: Timestamp, from: (u8, u8), request: &PARAM_SET_DATA) -> Reply {
+    pub fn request_set(
+        &mut self,
+        now: Timestamp,
+        from: (u8, u8),
+        request: &PARAM_SET_DATA,
+        is_disarmed: bool,
+    ) -> Reply {
         let refused = |reason| Some(error(from, &request.param_id, -1, reason));
         let Some((index, row)) = self.find(&request.param_id) else {
             return Reply {
@@ -165,6 +172,9 @@ impl Parameters {
             };
         };
         let reason = match self.wish(row, request) {
+            Ok(value) if !is_disarmed && row.is_loosened(self.set.get(row), value) => {
+                Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED)
+            }
             Ok(value) if self.want(now, index, value) => return Reply::default(),
             // The station sees that it is not changed, and asks again.
             Ok(_) => None,
@@ -331,7 +341,7 @@ mod tests {
     fn a_change_is_asked_for_once_and_answered_with_what_the_server_has_in_force() {
         let mut parameters = parameters();
         let request = set("OA_SPD_MAX", 4.5, MavParamType::MAV_PARAM_TYPE_REAL32);
-        let reply = parameters.request_set(at(0.0), STATION, &request);
+        let reply = parameters.request_set(at(0.0), STATION, &request, true);
         assert!(reply.error.is_none() && reply.value.is_none());
         let change = parameters.ask(at(0.0)).unwrap();
         assert!(parameters.ask(at(0.1)).is_none());
@@ -351,7 +361,7 @@ mod tests {
         for (name, value) in [("OA_SPD_MAX", 4.5), ("OA_ALT_MAX", 40.0), ("OA_ALT_MAX", 50.0)] {
             assert!(
                 parameters
-                    .request_set(at(0.0), STATION, &set(name, value, real))
+                    .request_set(at(0.0), STATION, &set(name, value, real), true)
                     .error
                     .is_none()
             );
@@ -373,12 +383,12 @@ mod tests {
     fn an_end_of_a_span_is_refused_beyond_the_other_end_and_both_can_be_moved_at_once() {
         let mut parameters = parameters();
         let real = MavParamType::MAV_PARAM_TYPE_REAL32;
-        let refused = parameters.request_set(at(0.0), STATION, &set("OA_DCL_HANG_LO", 5.0, real));
+        let refused = parameters.request_set(at(0.0), STATION, &set("OA_DCL_HANG_LO", 5.0, real), true);
         let error = refused.error.unwrap().error;
         assert_eq!(error, MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE);
         assert_eq!(refused.value.unwrap().param_value, 0.0);
         for (name, value) in [("OA_DCL_HANG_HI", 9.0), ("OA_DCL_HANG_LO", 5.0)] {
-            let reply = parameters.request_set(at(0.1), STATION, &set(name, value, real));
+            let reply = parameters.request_set(at(0.1), STATION, &set(name, value, real), true);
             assert!(reply.error.is_none(), "{name}");
         }
     }
@@ -390,7 +400,7 @@ mod tests {
         let mut waits = 0;
         for row in &rows {
             let request = set(row.name, row.max as f32, MavParamType::MAV_PARAM_TYPE_REAL32);
-            let reply = parameters.request_set(at(0.0), STATION, &request);
+            let reply = parameters.request_set(at(0.0), STATION, &request, true);
             waits += usize::from(reply.value.is_none() && reply.error.is_none());
         }
         assert_eq!(waits, WAITING.min(rows.len()));
@@ -415,14 +425,14 @@ mod tests {
         let real = MavParamType::MAV_PARAM_TYPE_REAL32;
         assert!(
             parameters
-                .request_set(at(0.0), STATION, &set("USR_SONAR_MAX", 4.5, real))
+                .request_set(at(0.0), STATION, &set("USR_SONAR_MAX", 4.5, real), true)
                 .error
                 .is_none()
         );
         let change = parameters.ask(at(0.0)).unwrap();
         parameters.take_values(&answered(&parameters, &change)).unwrap();
         assert_eq!(parameters.set().named("USR_SONAR_MAX"), Some(4.5));
-        let outside = parameters.request_set(at(0.0), STATION, &set("USR_SONAR_MAX", 99.0, real));
+        let outside = parameters.request_set(at(0.0), STATION, &set("USR_SONAR_MAX", 99.0, real), true);
         assert!(outside.error.is_some());
     }
 
@@ -462,7 +472,7 @@ mod tests {
                 false,
             ),
         ] {
-            let reply = parameters.request_set(at(0.0), STATION, &request);
+            let reply = parameters.request_set(at(0.0), STATION, &request, true);
             let error = reply.error.unwrap();
             assert_eq!(error.error, reason);
             assert_eq!((error.target_system, error.target_component), STATION);
@@ -473,6 +483,53 @@ mod tests {
     }
 
     #[test]
+    fn what_leaves_less_safety_waits_until_the_vehicle_is_disarmed() {
+        let real = MavParamType::MAV_PARAM_TYPE_REAL32;
+        for row in TABLE {
+            for to in [row.min, row.max] {
+                if ParamSet::default().change(row.name, to).is_err() {
+                    continue; // Beyond the other end of its span.
+                }
+                for is_disarmed in [false, true] {
+                    let mut parameters = parameters();
+                    let reply = parameters.request_set(
+                        at(0.0),
+                        STATION,
+                        &set(row.name, to as f32, real),
+                        is_disarmed,
+                    );
+                    let is_refused = !is_disarmed && row.is_loosened(row.default, to);
+                    let reason = reply.error.map(|error| error.error);
+                    let denied = MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED;
+                    assert_eq!(reason, is_refused.then_some(denied), "{} {to}", row.name);
+                    assert_eq!(
+                        parameters.ask(at(0.0)).is_some(),
+                        !is_refused,
+                        "{} {to}",
+                        row.name
+                    );
+                }
+            }
+        }
+        let loosened = |name: &str, to: f64| {
+            let row = TABLE.iter().find(|row| row.name == name).unwrap();
+            row.is_loosened(row.default, to)
+        };
+        for (name, to) in [
+            ("GD_MARGIN", 0.0),
+            ("CP_GO_NO_DATA", 1.0),
+            ("OA_UNGUARDED", 1.0),
+            ("OA_SPD_MAX", 20.0),
+            ("OA_VEH_RADIUS", 0.05),
+            ("OA_MAP_ERR", 0.0),
+            ("OA_DCL_HANG_HI", 100.0),
+        ] {
+            assert!(loosened(name, to), "{name}");
+        }
+        assert!(!loosened("OA_SPD_MAX", 1.0) && !loosened("GD_MARGIN", 0.5));
+    }
+
+    #[test]
     fn an_integer_is_taken_with_its_own_type_and_as_a_whole_float() {
         let mut parameters = parameters();
         for (raw, kind) in [
@@ -480,7 +537,7 @@ mod tests {
             (1.0, MavParamType::MAV_PARAM_TYPE_REAL32),
             (f32::from_bits(0), MavParamType::MAV_PARAM_TYPE_UINT8),
         ] {
-            let reply = parameters.request_set(at(0.0), STATION, &set("OA_YAW_MODE", raw, kind));
+            let reply = parameters.request_set(at(0.0), STATION, &set("OA_YAW_MODE", raw, kind), true);
             assert!(reply.error.is_none());
             let change = parameters.ask(at(0.0)).unwrap();
             let reported = parameters.take_values(&answered(&parameters, &change)).unwrap();
@@ -577,7 +634,7 @@ mod tests {
                     param_type: kinds[usize::from(kind) - 1],
                     ..PARAM_SET_DATA::default()
                 };
-                let reply = parameters.request_set(at(0.0), STATION, &request);
+                let reply = parameters.request_set(at(0.0), STATION, &request, true);
                 if reply.error.is_none() && reply.value.is_none() {
                     let change = parameters.ask(at(0.0)).unwrap();
                     let row = change.row(parameters.set()).unwrap();

@@ -56,7 +56,7 @@ impl Service for GroundServicesService {
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         Ok(Self {
-            services: GroundServices::new(&ports.config().params, board_id()),
+            services: GroundServices::new(&ports.param_store().load().0, board_id()),
             outputs: Outputs::default(),
             requests: ports.trigger(topics::GROUND_REQUEST)?,
             asked: Vec::with_capacity(INPUTS_MAX),

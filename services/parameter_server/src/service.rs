@@ -31,7 +31,8 @@ impl Service for ParameterService {
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         Ok(Self {
-            server: ParameterServer::new(&ports.config().params),
+            // As they were changed last: rows that need a restart are in force with older values.
+            server: ParameterServer::new(&ports.param_store().load().0),
             // Each command that asks is a producer of its own.
             changes: ports.trigger(topics::PARAMETER_CHANGE)?.of_all_producers(),
             values: ports.output(topics::PARAMETERS)?,

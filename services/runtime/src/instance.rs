@@ -112,6 +112,21 @@ impl Instance {
         self.folder().join("profile")
     }
 
+    /// Where the gateway keeps what is flown, for a gateway that is started again in flight.
+    pub fn flight_record(&self) -> PathBuf {
+        self.folder().join("mavlink_gateway.flight")
+    }
+
+    /// Where the gateway keeps the last stamp of each signed sender, for the next gateway of the same run.
+    pub fn signed_senders(&self) -> PathBuf {
+        self.folder().join("mavlink_gateway.senders")
+    }
+
+    /// Where the parameters are kept as they were when the instance came up.
+    pub fn params_at_start(&self) -> PathBuf {
+        self.folder().join("parameters_at_start.toml")
+    }
+
     /// Where the processes' logs are kept while the instance is up.
     pub fn log_folder(&self) -> PathBuf {
         self.folder().join("log")
@@ -171,7 +186,13 @@ impl Instance {
             unless_gone(std::fs::remove_dir_all(&aside))?;
         }
         // The values of an earlier run would lie over those that this one was started with, and its autopilot was another.
-        for file in [self.param_store(), self.proven_profile()] {
+        for file in [
+            self.param_store(),
+            self.params_at_start(),
+            self.proven_profile(),
+            self.flight_record(),
+            self.signed_senders(),
+        ] {
             unless_gone(std::fs::remove_file(file))?;
         }
         let prefix = self.shm_prefix();

@@ -5,6 +5,9 @@
 //! | `param_store = "/var/lib/jink/parameters.toml"` in `jink.toml` | over power cycles |
 //! | not given: `parameters.toml` in the instance's folder, on tmpfs | while the instance is up |
 //!
+//! Rows that take effect after a restart are in force as they were when jink came up ([`ParamStore::begin_run`]): a service that is
+//! started again, or another program in its place, works on with what the others have.
+//!
 //! The file holds only what differs from the configuration. It is written beside its place, synchronised and renamed, so
 //! that a reader finds the old file or the new one and never half of one; and by a thread of its own, because a memory card
 //! may take longer for that than a setpoint may wait. A file that cannot be read is moved aside and reported once: no
@@ -13,7 +16,7 @@
 use crate::config::Config;
 use crate::instance::Instance;
 use crate::realtime::{self, Scheduling};
-use jink_shared_types::params::{ParamError, ParamSet};
+use jink_shared_types::params::{Apply, Param, ParamError, ParamSet};
 use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
 use std::io::{self, Write as _};
@@ -79,6 +82,8 @@ impl std::error::Error for StoreError {}
 #[derive(Clone, Debug)]
 pub struct ParamStore {
     file: PathBuf,
+    /// The same as it was when the instance came up.
+    at_start: PathBuf,
     configured: ParamSet,
 }
 
@@ -90,6 +95,7 @@ impl ParamStore {
                 .param_store
                 .clone()
                 .unwrap_or_else(|| instance.param_store()),
+            at_start: instance.params_at_start(),
             configured: config.params.clone(),
         }
     }
@@ -131,6 +137,30 @@ impl ParamStore {
                     }
                 }
             },
+        }
+        (set, refused)
+    }
+
+    /// The instance comes up: the values that are stored now are those that need a restart work with until it ends.
+    ///
+    /// # Errors
+    /// The system's error about the file.
+    pub fn begin_run(&self) -> io::Result<()> {
+        write_atomically(&self.at_start, &self.text(&self.load().0))
+    }
+
+    /// The values that a process is to work with, and what of the store could not be used: those of rows that need a restart as they
+    /// were when the instance came up, where it did.
+    pub fn in_force(&self) -> (ParamSet, Vec<StoreError>) {
+        let (mut set, refused) = self.load();
+        let text = std::fs::read_to_string(&self.at_start).ok();
+        let Some(stored) = text.and_then(|text| toml::from_str::<BTreeMap<String, f64>>(&text).ok()) else {
+            return (set, refused);
+        };
+        let needs_restart = |row: &Param| row.apply == Apply::Restart;
+        for (row, configured) in self.configured.rows().filter(|(row, _)| needs_restart(row)) {
+            // Both were taken by this table before.
+            let _taken = set.set(row.name, stored.get(row.name).copied().unwrap_or(configured));
         }
         (set, refused)
     }
@@ -250,7 +280,7 @@ impl StoreWriter {
 mod tests {
     use super::{ParamStore, StoreError, write_atomically};
     use crate::config::Config;
-    use jink_shared_types::params::{OA_ALT_MAX, OA_GOAL_RAD, OA_SPD_MAX, ParamSet, TABLE};
+    use jink_shared_types::params::{OA_ALT_MAX, OA_GOAL_RAD, OA_SPD_MAX, OA_VEH_RADIUS, ParamSet, TABLE};
     use proptest::prelude::*;
     use std::path::PathBuf;
 
@@ -300,6 +330,38 @@ mod tests {
         assert!(refused.is_empty(), "{refused:?}");
         let left: Vec<_> = std::fs::read_dir(store.file.parent().unwrap()).unwrap().collect();
         assert_eq!(left.len(), 1, "{left:?}");
+    }
+
+    #[test]
+    fn a_row_that_needs_a_restart_keeps_its_value_until_jink_comes_up_again() {
+        let folder = Folder::new("at_start");
+        let mut store = folder.store();
+        store.at_start = folder.0.join("at_start.toml");
+        let change = |store: &ParamStore, radius_m: f64, speed_mps: f64| {
+            let mut set = store.configured.clone();
+            set.set("OA_VEH_RADIUS", radius_m).unwrap();
+            set.set("OA_SPD_MAX", speed_mps).unwrap();
+            write_atomically(&store.file, &store.text(&set)).unwrap();
+        };
+        let in_force = |store: &ParamStore| {
+            let (set, refused) = store.in_force();
+            assert!(refused.is_empty(), "{refused:?}");
+            (set.get(&OA_VEH_RADIUS), set.get(&OA_SPD_MAX))
+        };
+        change(&store, 0.5, 2.0);
+        assert_eq!(in_force(&store), (0.5, 2.0), "nobody has begun a run");
+        store.begin_run().unwrap();
+        change(&store, 0.1, 4.0);
+        assert_eq!(in_force(&store), (0.5, 4.0), "one service is started again");
+        change(&store, OA_VEH_RADIUS.default, 4.0);
+        assert_eq!(
+            in_force(&store),
+            (0.5, 4.0),
+            "back to what is configured, for later"
+        );
+        change(&store, 0.1, 4.0);
+        store.begin_run().unwrap();
+        assert_eq!(in_force(&store), (0.1, 4.0), "jink has come up again");
     }
 
     #[test]

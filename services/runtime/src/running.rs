@@ -39,7 +39,7 @@ impl<S: Service> Running<S> {
     /// Opens the service over `session`: first its heartbeat and the control record, then what is its own.
     pub(crate) fn start(session: Session, setup: Setup, mut config: Config) -> Result<Self, StartError> {
         let store = ParamStore::of(&config, &setup.instance);
-        let (params, refused) = store.load();
+        let (params, refused) = store.in_force();
         config.params = params;
         for refusal in refused {
             tracing::warn!("{refusal}");

@@ -183,7 +183,7 @@ fn set(
                 Some((_, now)) if now == value => {
                     let when = match row.apply {
                         Apply::Live => "",
-                        Apply::Restart => " (after a restart of the services)",
+                        Apply::Restart => " (after a restart of jink)",
                     };
                     sayln!("{name} = {value} {}{when}", row.unit);
                     ExitCode::SUCCESS

@@ -6,7 +6,7 @@ use jink_ground_services::computer::BoardReading;
 use jink_mavlink_gateway::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
 use jink_parameter_server::ParameterServer;
 use jink_shared_types::param_messages::{ParameterChange, TABLE_HASH};
-use jink_shared_types::params::{OA_ALT_MAX, OA_SPD_MAX, OA_YAW_MODE, Param, TABLE};
+use jink_shared_types::params::{GD_MARGIN, OA_ALT_MAX, OA_SPD_MAX, OA_YAW_MODE, Param, TABLE};
 use mavlink::dialect::*;
 use mavlink::types::CharArray;
 use mavlink::{Message, MessageData};
@@ -215,6 +215,38 @@ fn the_obstacle_map_comes_in_the_rhythm_that_was_asked_for_and_is_never_silenced
     assert_eq!(reported, [(COMPONENT_AVOIDANCE, (330, 100_000))]);
     ask(&mut bench, rhythm(0.0));
     assert!((19..=21).contains(&maps(&mut bench)));
+}
+
+#[test]
+fn a_station_loosens_safety_only_while_the_vehicle_is_disarmed() {
+    for (armed, value_in_force) in [(true, GD_MARGIN.default), (false, 0.0)] {
+        let mut bench = acquainted(armed);
+        ask(
+            &mut bench,
+            MavMessage::PARAM_SET(PARAM_SET_DATA {
+                param_value: 0.0,
+                target_system: SYSTEM,
+                target_component: COMPONENT_AVOIDANCE,
+                param_id: GD_MARGIN.name.into(),
+                param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+            }),
+        );
+        bench.idle_until(bench.now.plus_seconds(2.0));
+        let errors = sent(&bench, |message| match message {
+            MavMessage::PARAM_ERROR(error) => Some(error.error),
+            _ => None,
+        });
+        let told = sent(&bench, |message| match message {
+            MavMessage::STATUSTEXT(line) => line.text.to_str().ok().map(str::to_owned),
+            _ => None,
+        });
+        let text = "jink: GD_MARGIN only while disarmed";
+        let told = told.iter().filter(|(_, line)| line == text).count();
+        assert_eq!((errors.len(), told), (usize::from(armed), usize::from(armed)));
+        let last = values(&bench).pop().unwrap();
+        assert!((f64::from(last.param_value) - value_in_force).abs() < 1e-6);
+        assert!((bench.ground.services.params().get(&GD_MARGIN) - value_in_force).abs() < 1e-6);
+    }
 }
 
 #[test]

@@ -33,7 +33,7 @@ use children::{Children, Launch};
 use instance_lock::InstanceLock;
 use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE, Resolved};
 use jink_runtime::service::EXIT_CANNOT_START;
-use jink_runtime::{Instance, Session};
+use jink_runtime::{Instance, ParamStore, Session};
 use jink_shared_types::Timestamp;
 use log_file::LogFile;
 use notify::Notifier;
@@ -79,6 +79,7 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
         lock.clear()?;
         lock.announce()?;
         keep_configuration(args, &resolved.text)?;
+        ParamStore::of(&resolved.config, &args.instance).begin_run()?;
         (resolved.config, rows)
     } else {
         // Processes of a supervisor that was killed are flying: what they were started with stays in force, whatever has become of
