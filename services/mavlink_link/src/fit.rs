@@ -10,7 +10,7 @@
 //! A profile that is configured is held against the same params; what is found is a [`ProfileFit`]. Nothing is taken
 //! for granted: until the parameters are known the profile is not proven, no setpoint leaves and component 196 is not
 //! ACTIVE. A parameter counts as absent when the autopilot says so, or when it leaves a request unanswered several
-//! times while it answers a question about a parameter that every PX4 has. Desired paths prove `px4_trajectory` by
+//! times while it answers about another one. Desired paths prove `px4_trajectory` by
 //! themselves.
 //!
 //! What was chosen stays for the whole run. If the parameters change, the profile does not fit any more, which is value; it
@@ -39,8 +39,8 @@ pub const OVERRIDE_BITS: &str = "COM_RC_OVERRIDE";
 pub const OVERRIDE_IN_OFFBOARD: i64 = 1 << 1;
 /// PX4's own collision prevention is on while this is above 0.
 const PREVENTION: &str = "CP_DIST";
-/// Every PX4 has this one: if it is answered and others are not, those do not exist.
-const PROBE: &str = "MAV_SYS_ID";
+/// Every PX4 has this one: it is asked for as long as no other is answered. If one is answered and others are not, those do not exist.
+const PROBE: usize = 3;
 /// The questions of a round, in this order.
 const FIT_QUERIES: [FitQuery; 5] = [
     FitQuery::Version,
@@ -50,7 +50,7 @@ const FIT_QUERIES: [FitQuery; 5] = [
     FitQuery::Parameter(3),
 ];
 /// The parameters asked for.
-const NAMES: [&str; 4] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH, PREVENTION, PROBE];
+const NAMES: [&str; 4] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH, PREVENTION, "MAV_SYS_ID"];
 /// Pause between two questions (s): five of them and their answers in 0.25 s are a third of a line of 57600 bit/s.
 const PAUSE_S: f64 = 0.05;
 /// Pause between two rounds while the parameters are not known (s): longer than the way there and back on a slow line.
@@ -105,13 +105,13 @@ pub struct Fit {
     autopilot_type: Option<Option<AutopilotType>>,
     autopilot: Option<MavAutopilot>,
     params: [ParamState; NAMES.len()],
-    /// Rounds in which a request stayed open while the probe parameter was answered.
+    /// Rounds in which a request stayed open while another was answered.
     denied: [u8; NAMES.len()],
     version: Option<FirmwareVersion>,
     wants_trajectories: bool,
     next: usize,
     due: Timestamp,
-    probe_answered: bool,
+    is_answered: bool,
 }
 
 impl Fit {
@@ -136,7 +136,7 @@ impl Fit {
                 let value =
                     encoding.and_then(|encoding| encoding.take(answer.param_type, answer.param_value).ok());
                 if let (Some(index), Some(value)) = (index_of(answer.param_id.to_str().ok()), value) {
-                    self.probe_answered |= NAMES[index] == PROBE;
+                    self.is_answered = true;
                     self.wants_trajectories &= NAMES[index] != TRAJECTORY_SWITCH || value != 0.0;
                     self.params[index] = ParamState::Value(value);
                 }
@@ -192,16 +192,31 @@ impl Fit {
             // A value that did not fit may have been corrected.
             FitQuery::Parameter(index) => {
                 let may_be_mended = !matches!(fits, ProfileFit::Unknown | ProfileFit::Fits);
-                may_be_mended || NAMES[index] == PROBE || !self.params[index].is_known()
+                may_be_mended || index == self.probe() || !self.params[index].is_known()
             }
             FitQuery::Version => self.version.is_none(),
         }
     }
 
-    /// What was requested and not answered, while the probe parameter was answered, does not exist.
+    /// The parameter that is asked for in each round, so that an answer shows that questions arrive: one that was answered before.
+    fn probe(&self) -> usize {
+        let has_value = |param: &ParamState| matches!(param, ParamState::Value(_));
+        self.params.iter().position(has_value).unwrap_or(PROBE)
+    }
+
+    /// The first question about the profile that the autopilot has not answered; "anything" if it has answered none.
+    pub fn unanswered(&self) -> &'static str {
+        let open = self.params.iter().position(|param| !param.is_known());
+        match open {
+            Some(index) if self.params.iter().any(|param| param.is_known()) => NAMES[index],
+            _ => "anything",
+        }
+    }
+
+    /// What was requested and not answered, while another one was answered, does not exist.
     fn end_round(&mut self) {
         self.next = 0;
-        if !std::mem::take(&mut self.probe_answered) {
+        if !std::mem::take(&mut self.is_answered) {
             return;
         }
         for (param, denied) in self.params.iter_mut().zip(&mut self.denied) {

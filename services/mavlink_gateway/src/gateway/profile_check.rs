@@ -113,7 +113,7 @@ impl ProfileCheck {
             (ProfileFit::Fits, _) => None,
             (ProfileFit::SwitchedOff, _) => Some((&INTERFACE_OFF, switch)),
             (ProfileFit::Unknown, MatchingProfile::Open | MatchingProfile::Profile(_)) => {
-                (now.seconds_since(since) >= PATIENCE_S).then_some((&PROFILE_UNPROVEN, ""))
+                (now.seconds_since(since) >= PATIENCE_S).then_some((&PROFILE_UNPROVEN, self.fit.unanswered()))
             }
             (_, MatchingProfile::Profile(right)) => Some((&PROFILE_UNFIT, right.name())),
             (_, MatchingProfile::None) => Some((&AUTOPILOT_UNFIT, "")),

@@ -21,6 +21,8 @@ struct Firmware {
     /// Unknown parameters are answered with PARAM_ERROR; else not at all.
     says_unknown: bool,
     answers: bool,
+    /// A parameter about which it says nothing at all.
+    leaves_open: &'static str,
 }
 
 const PX4_2021: Firmware = Firmware {
@@ -29,6 +31,7 @@ const PX4_2021: Firmware = Firmware {
     switches: [Some(1), None],
     says_unknown: false,
     answers: true,
+    leaves_open: "",
 };
 const PX4_TODAY: Firmware = Firmware {
     switches: [None, None],
@@ -129,6 +132,7 @@ fn answer(firmware: Firmware, name: &str) -> Option<MavMessage> {
         .iter()
         .position(|known| *known == name);
     let value = match index {
+        _ if name == firmware.leaves_open => return None,
         Some(index) => firmware.switches[index],
         None => Some(1),
     };
@@ -250,8 +254,35 @@ fn nothing_is_chosen_while_the_autopilot_answers_nothing() {
     assert!(
         seen.texts
             .iter()
-            .any(|text| text == "jink: not ready, autopilot answers nothing")
+            .any(|text| text == "jink: not ready, no answer to anything")
     );
+}
+
+#[test]
+fn an_autopilot_that_leaves_one_question_open_is_not_said_to_answer_nothing() {
+    for (firmware, leaves_open, right) in [
+        (PX4_2021, "MAV_SYS_ID", ProfileName::Px4Trajectory),
+        (PX4_2021, "CP_DIST", ProfileName::Px4Trajectory),
+        (PX4_2021, "COM_OBS_AVOID", ProfileName::Px4Offboard),
+        (PX4_TODAY, "MAV_SYS_ID", ProfileName::Px4Offboard),
+    ] {
+        let mut bench = auto();
+        let firmware = Firmware {
+            leaves_open,
+            ..firmware
+        };
+        let seen = play(&mut bench, firmware, 8.0);
+        assert_eq!(
+            (seen.profile.as_str(), seen.fit),
+            (right.name(), ProfileFit::Fits),
+            "{leaves_open}"
+        );
+        assert!(
+            !seen.texts.iter().any(|text| text.contains("no answer")),
+            "{:?}",
+            seen.texts
+        );
+    }
 }
 
 #[test]
