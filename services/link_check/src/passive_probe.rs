@@ -8,7 +8,7 @@ use jink_mavlink_link::frame::MavlinkFrame;
 use jink_mavlink_link::link::{FrameFilter, LinkCounters};
 use jink_mavlink_link::links::LinkSetup;
 use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, Content};
-use jink_mavlink_link::signing::{SignatureRefusal, Verifier};
+use jink_mavlink_link::signing::{SignatureRefusal, Verifier, stamps};
 use mavlink::MavlinkVersion;
 
 /// Systems whose autopilots are counted separately on one link.
@@ -115,7 +115,9 @@ impl FrameFilter for PassiveProbe {
             self.count_autopilot(frame);
         }
         let key = self.setup.key.as_ref();
-        let verified = self.verifier.verify(frame, self.setup.signing, key, 0);
+        let verified = self
+            .verifier
+            .verify(frame, self.setup.signing, key, stamps::wall());
         match verified {
             Ok(()) => return true,
             Err(SignatureRefusal::Unsigned) => self.counts.unsigned_refused += 1,

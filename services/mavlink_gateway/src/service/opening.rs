@@ -77,6 +77,10 @@ pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
     links
         .sign_with_stamps_at(&stamps)
         .map_err(needs(format!("link.state: {}", stamps.display())))?;
+    let senders = setup.instance.signed_senders();
+    links
+        .remember_senders_at(&senders)
+        .map_err(needs(senders.display().to_string()))?;
     if !settings.tlog.is_empty() {
         links.record(Tlog::begin(Path::new(&settings.tlog), setup.generation));
     }

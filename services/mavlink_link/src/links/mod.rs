@@ -193,6 +193,19 @@ impl Links {
         Ok(())
     }
 
+    /// Goes on with the stamps of others that a process of this run has received, and keeps those that come, in a file on tmpfs: what
+    /// was recorded cannot be played back to the next process.
+    ///
+    /// # Errors
+    /// The system's error about the file.
+    pub fn remember_senders_at(&mut self, path: &Path) -> std::io::Result<()> {
+        let is_asked = |member: &Member| member.rules.setup.signing != Signing::Off;
+        if self.members.iter().any(is_asked) {
+            self.shared.verifier = Verifier::remembering(path)?;
+        }
+        Ok(())
+    }
+
     /// Links on which no autopilot is looked for.
     pub fn of_ground_stations(&self) -> LinkSet {
         let is_one = |member: &Member| member.rules.setup.purpose == Purpose::GroundStation;
@@ -240,7 +253,10 @@ impl Links {
                 rules: &mut member.rules,
                 origin: origin as u8,
                 us,
-                our_stamp: self.stamps.as_ref().map_or(0, |stamps| stamps.stamps().next()),
+                our_stamp: self
+                    .stamps
+                    .as_ref()
+                    .map_or(0, |stamps| stamps.stamps().next().max(stamps::wall())),
             };
             let answer = member.link.receive_through(clock, messages, &mut filter);
             member.log_state(answer.as_ref().err());
@@ -418,6 +434,7 @@ impl FrameFilter for LinkFilter<'_> {
             .verify(frame, setup.signing, setup.key.as_ref(), self.our_stamp);
         match verified {
             Ok(()) => {
+                self.shared.verifier.store(self.is_owner);
                 // Many may read the log; keys are not written to it.
                 let is_key = frame.message_id == SETUP_SIGNING_DATA::ID;
                 if let Some(log) = self.shared.log.as_mut().filter(|_| self.is_owner && !is_key) {

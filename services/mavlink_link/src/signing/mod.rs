@@ -7,8 +7,10 @@
 //!
 //! A signature is the first 48 bits of SHA-256 over the key, the whole frame with its checksum, the link id and a stamp
 //! of 48 bits, 10 us since 2015. Stamps of one sender on one of its links only ever grow, so what was recorded cannot
-//! be played back; a new sender may be a minute behind the newest stamp seen, no more. RADIO_STATUS comes from the
-//! modem itself, which has no key: it is taken without a signature everywhere.
+//! be played back; a new sender may be a minute behind the newest stamp seen, no more. Who is ahead of our own clock
+//! by more than a minute is taken, but makes nobody else old. The stamps received outlive a killed process
+//! ([`Verifier::remembering`]). RADIO_STATUS comes from the modem itself, which has no key: it is taken without a
+//! signature everywhere.
 //!
 //! The crate `mavlink` can sign as well, but reads the system's clock itself and starts with no memory: its stamps
 //! repeat when the clock goes back over a restart. Those of [`stamps::Stamps`] never do.
@@ -16,6 +18,7 @@
 //! Source: MAVLink guide, "Message Signing".
 
 mod key;
+mod senders;
 pub mod stamps;
 
 pub use key::{Key, KeyError};
@@ -25,7 +28,10 @@ use jink_runtime::config::Signing;
 use mavlink::dialect::RADIO_STATUS_DATA;
 use mavlink::wire::Wire;
 use mavlink::{MAV_STX_V2, MessageData, calculate_crc, consts};
+use senders::SenderFile;
 use sha2::{Digest, Sha256};
+use std::io;
+use std::path::Path;
 
 /// Bytes that a signature adds to a frame.
 pub const SIGNATURE_BYTES: usize = consts::v2::SIGNATURE_SIZE;
@@ -33,7 +39,7 @@ pub const SIGNATURE_BYTES: usize = consts::v2::SIGNATURE_SIZE;
 pub const SIGNED_FRAME_MAX: usize = consts::MAX_FRAME_SIZE;
 /// Bytes of it that are the hash; the others are link id and stamp.
 const HASH_BYTES: usize = 6;
-/// How far a new sender may be behind the newest stamp: a minute.
+/// How far a new sender may be behind the newest stamp, and that ahead of our own: a minute.
 const NEW_STREAM_BEHIND: u64 = 60 * stamps::PER_SECOND;
 /// Senders remembered, each link of theirs by itself.
 const STREAMS: usize = 64;
@@ -86,7 +92,7 @@ fn hash(key: &Key, signed_part: &[u8]) -> [u8; HASH_BYTES] {
     std::array::from_fn(|i| digest[i])
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct SignedStream {
     system_id: u32,
     component_id: u8,
@@ -94,11 +100,21 @@ struct SignedStream {
     stamp: u64,
 }
 
+impl SignedStream {
+    fn is_of_the_sender_of(&self, other: &Self) -> bool {
+        (self.system_id, self.component_id, self.link_id)
+            == (other.system_id, other.component_id, other.link_id)
+    }
+}
+
 /// The stamps received so far, on all links together: what was recorded on one cannot be played back on another.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Verifier {
     streams: Vec<SignedStream>,
     newest: u64,
+    /// The stream that was received last.
+    last: Option<usize>,
+    file: Option<SenderFile>,
 }
 
 impl Default for Verifier {
@@ -106,11 +122,34 @@ impl Default for Verifier {
         Self {
             streams: Vec::with_capacity(STREAMS),
             newest: 0,
+            last: None,
+            file: None,
         }
     }
 }
 
 impl Verifier {
+    /// With the stamps that another process has kept in the file at `path`.
+    ///
+    /// # Errors
+    /// The system's error about the file.
+    pub fn remembering(path: &Path) -> io::Result<Self> {
+        let mut streams = Vec::with_capacity(STREAMS);
+        let file = SenderFile::open(path, &mut streams)?;
+        Ok(Self {
+            streams,
+            file: Some(file),
+            ..Self::default()
+        })
+    }
+
+    /// Keeps what was received last for the process that comes after this one. Only the owner of the links writes.
+    pub fn store(&mut self, is_owner: bool) {
+        if let Some(file) = &mut self.file {
+            file.store(&self.streams, self.last.take(), is_owner);
+        }
+    }
+
     /// Whether `frame` is accepted on a link that asks for `signing` with `key`. `ours` is our own next stamp.
     ///
     /// # Errors
@@ -146,36 +185,40 @@ impl Verifier {
         let mut stamp = [0; 8];
         stamp[..6].copy_from_slice(&signature[1..7]);
         self.newest = self.newest.max(ours);
-        self.take(SignedStream {
+        let received = SignedStream {
             system_id: frame.header.system_id,
             component_id: frame.header.component_id,
             link_id: signature[0],
             stamp: u64::from_le_bytes(stamp),
-        })
+        };
+        self.take(received)?;
+        // A clock that is far ahead of ours makes no other sender old.
+        if received.stamp <= ours.saturating_add(NEW_STREAM_BEHIND) {
+            self.newest = self.newest.max(received.stamp);
+        }
+        Ok(())
     }
 
     fn take(&mut self, received: SignedStream) -> Result<(), SignatureRefusal> {
-        let is_it = |stream: &SignedStream| {
-            (stream.system_id, stream.component_id, stream.link_id)
-                == (received.system_id, received.component_id, received.link_id)
-        };
         let oldest_new = self.newest.saturating_sub(NEW_STREAM_BEHIND);
-        match self.streams.iter_mut().find(|stream| is_it(stream)) {
-            Some(known) if received.stamp <= known.stamp => return Err(SignatureRefusal::Replayed),
-            Some(known) => known.stamp = received.stamp,
-            None if received.stamp < oldest_new => return Err(SignatureRefusal::Replayed),
-            None => {
-                if self.streams.len() == STREAMS {
-                    // Whoever is forgotten here is too far behind to be played back.
-                    self.streams.retain(|stream| stream.stamp >= oldest_new);
-                }
-                if self.streams.len() == STREAMS {
-                    return Err(SignatureRefusal::Replayed);
-                }
+        let known = self
+            .streams
+            .iter()
+            .position(|stream| stream.is_of_the_sender_of(&received));
+        let place = match known {
+            Some(known) if received.stamp <= self.streams[known].stamp => None,
+            Some(known) => Some(known),
+            None if received.stamp < oldest_new => None,
+            None if self.streams.len() < STREAMS => {
                 self.streams.push(received);
+                Some(self.streams.len() - 1)
             }
-        }
-        self.newest = self.newest.max(received.stamp);
+            // Whoever is forgotten here is too far behind to be played back.
+            None => self.streams.iter().position(|stream| stream.stamp < oldest_new),
+        };
+        let place = place.ok_or(SignatureRefusal::Replayed)?;
+        self.streams[place] = received;
+        self.last = Some(place);
         Ok(())
     }
 }
@@ -190,6 +233,9 @@ mod tests {
     use jink_runtime::config::Signing;
     use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, MavMessage, RADIO_STATUS_DATA};
     use proptest::prelude::*;
+
+    /// Our own stamp.
+    const NOW: u64 = 1_000 * PER_SECOND;
 
     fn frame(message: MavMessage) -> Vec<u8> {
         Encoder::new().encode(1, 196, &Body::Message(message)).to_vec()
@@ -218,10 +264,20 @@ mod tests {
         signing: Signing,
         key: &Key,
     ) -> Option<Result<(), SignatureRefusal>> {
+        verify_at(verifier, bytes, signing, key, NOW)
+    }
+
+    fn verify_at(
+        verifier: &mut Verifier,
+        bytes: &[u8],
+        signing: Signing,
+        key: &Key,
+        ours: u64,
+    ) -> Option<Result<(), SignatureRefusal>> {
         let mut splitter = Splitter::new();
         splitter.load_datagram(bytes);
         let frame = splitter.next_frame()?;
-        Some(verifier.verify(&frame, signing, Some(key), 0))
+        Some(verifier.verify(&frame, signing, Some(key), ours))
     }
 
     #[test]
@@ -249,13 +305,12 @@ mod tests {
     fn a_new_sender_may_be_a_minute_behind_and_no_more() {
         let (key, minute) = (key(7), 60 * PER_SECOND);
         let mut verifier = Verifier::default();
-        let now = 1_000 * PER_SECOND;
         for (link_id, stamp, taken) in [
-            (0, now, Ok(())),
-            (1, now - minute, Ok(())),
-            (2, now - minute - 1, Err(SignatureRefusal::Replayed)),
-            (0, now, Err(SignatureRefusal::Replayed)),
-            (1, now - minute + 1, Ok(())),
+            (0, NOW, Ok(())),
+            (1, NOW - minute, Ok(())),
+            (2, NOW - minute - 1, Err(SignatureRefusal::Replayed)),
+            (0, NOW, Err(SignatureRefusal::Replayed)),
+            (1, NOW - minute + 1, Ok(())),
         ] {
             let bytes = signed(&attitude(1), &key, link_id, stamp);
             assert_eq!(
@@ -270,16 +325,16 @@ mod tests {
     fn senders_without_number_neither_fill_the_memory_nor_open_it_to_replays() {
         let key = key(7);
         let mut verifier = Verifier::default();
-        let first = signed(&attitude(0), &key, 0, 0);
+        let first = signed(&attitude(0), &key, 0, NOW);
         assert_eq!(
             verify(&mut verifier, &first, Signing::Require, &key),
             Some(Ok(()))
         );
         for link_id in 1..=200u8 {
-            let stamp = u64::from(link_id) * 10 * PER_SECOND;
+            let stamp = NOW + u64::from(link_id) * 10 * PER_SECOND;
             let bytes = signed(&attitude(1), &key, link_id, stamp);
             assert_eq!(
-                verify(&mut verifier, &bytes, Signing::Require, &key),
+                verify_at(&mut verifier, &bytes, Signing::Require, &key, stamp),
                 Some(Ok(()))
             );
             assert!(verifier.streams.len() <= super::STREAMS);
@@ -288,6 +343,56 @@ mod tests {
             verify(&mut verifier, &first, Signing::Require, &key),
             Some(Err(SignatureRefusal::Replayed))
         );
+    }
+
+    #[test]
+    fn a_clock_that_is_years_ahead_locks_no_other_sender_out() {
+        let (key, years) = (key(7), 10 * 365 * 86_400 * PER_SECOND);
+        let mut verifier = Verifier::default();
+        for (link_id, stamp, taken) in [
+            (0, NOW + years, Ok(())),
+            (1, NOW, Ok(())),
+            (0, NOW + years, Err(SignatureRefusal::Replayed)),
+            (2, NOW - 1, Ok(())),
+        ] {
+            let bytes = signed(&attitude(1), &key, link_id, stamp);
+            let verified = verify(&mut verifier, &bytes, Signing::Require, &key);
+            assert_eq!(verified, Some(taken), "{link_id}");
+        }
+    }
+
+    #[test]
+    fn what_was_recorded_cannot_be_played_back_to_the_next_process() {
+        let path = std::env::temp_dir().join(format!("jink_senders_{}", std::process::id()));
+        let _absent = std::fs::remove_file(&path);
+        let key = key(7);
+        let sent: Vec<_> = (0..300u16)
+            .map(|n| signed(&attitude(n.into()), &key, (n % 70) as u8, NOW + u64::from(n)))
+            .collect();
+        // Each process receives a part, beside one that only listens, and is killed.
+        for part in sent.chunks(60) {
+            let mut listens = Verifier::remembering(&path).unwrap();
+            let mut owns = Verifier::remembering(&path).unwrap();
+            for bytes in part {
+                for (verifier, is_owner) in [(&mut listens, false), (&mut owns, true)] {
+                    let verified = verify(verifier, bytes, Signing::Require, &key);
+                    verifier.store(is_owner);
+                    // More senders than are remembered are refused while all of them are new.
+                    assert!(verified.is_some());
+                }
+            }
+        }
+        let mut next = Verifier::remembering(&path).unwrap();
+        for bytes in &sent {
+            let verified = verify(&mut next, bytes, Signing::Require, &key);
+            assert_eq!(verified, Some(Err(SignatureRefusal::Replayed)));
+        }
+        std::fs::write(&path, [7; 33]).unwrap();
+        assert!(
+            Verifier::remembering(&path).is_ok(),
+            "a damaged file is used in part"
+        );
+        std::fs::remove_file(&path).unwrap();
     }
 
     proptest! {

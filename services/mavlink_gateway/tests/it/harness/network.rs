@@ -361,13 +361,18 @@ impl Model {
         };
         if fits {
             self.stamps.insert(stream, stamp);
-            self.newest = self.newest.max(stamp);
+            // Nobody signs here: our own clock stands at zero, and who is ahead of it by more than a minute makes nobody old.
+            if stamp <= BEHIND {
+                self.newest = self.newest.max(stamp);
+            }
         }
         fits
     }
 
     fn learn(&mut self, from: usize, sender: Sender) {
-        if sender.system_id != 0 && sender.component_id != 0 {
+        // Nobody on a ground station's link is our autopilot.
+        let is_where_it_says = from == 0 || !US.is_autopilot(sender);
+        if sender.system_id != 0 && sender.component_id != 0 && is_where_it_says {
             let key = (sender.system_id, sender.component_id);
             self.routes.entry(key).or_default().insert(from);
         }
