@@ -8,10 +8,11 @@
 //! | SETUP_SIGNING | nowhere: a key never travels |
 //!
 //! No message returns to the link it came from, and a message from one of our own ids goes nowhere: it went round a
-//! loop. When the clock of a system goes backwards it has started anew, perhaps elsewhere: its routes are forgotten.
+//! loop. When the clock of a system goes backwards, twice in a row, it has started anew, perhaps elsewhere: its routes are forgotten.
 //!
 //! Source: MAVLink guide, "Routing".
 
+use crate::message::COMPONENT_AUTOPILOT;
 use jink_shared_types::link::LINKS;
 use mavlink::MessageData;
 use mavlink::dialect::SETUP_SIGNING_DATA;
@@ -95,6 +96,14 @@ impl OwnIds {
         self.system_id.map(u32::from) == Some(sender.system_id) && self.is_our_component(sender.component_id)
     }
 
+    /// Whether `sender` is our autopilot; before that was received any autopilot may be it.
+    pub fn is_autopilot(&self, sender: Sender) -> bool {
+        let is_our_system = self
+            .system_id
+            .is_none_or(|system_id| u32::from(system_id) == sender.system_id);
+        is_our_system && sender.component_id == COMPONENT_AUTOPILOT
+    }
+
     /// Whether a message to `target` is handled here: to all, to our system, to one of our components. Before the
     /// autopilot was received everything is, because our system id is not known yet.
     pub fn accepts(&self, target: Target) -> bool {
@@ -111,6 +120,8 @@ struct Route {
     sender: Sender,
     links: LinkSet,
     boot_ms: u32,
+    /// A time since boot that was less than that: if the next one goes on from it, the system has started anew.
+    anew_ms: Option<u32>,
     last_received: u64,
 }
 
@@ -147,6 +158,7 @@ impl Router {
             sender,
             links: LinkSet::default().with(origin),
             boot_ms: 0,
+            anew_ms: None,
             last_received: self.count,
         };
         if self.routes.len() < ROUTES {
@@ -156,21 +168,28 @@ impl Router {
         }
     }
 
-    /// Processes the time since boot of `sender` (SYSTEM_TIME), received on link `origin`: if it is less than before,
-    /// the system has restarted and its routes start with this link.
+    /// Processes the time since boot of `sender` (SYSTEM_TIME), received on link `origin`: if it is less than before, twice in a
+    /// row, the system has restarted and its routes start with this link. A single one may be late, or of somebody else.
     pub fn on_system_time(&mut self, origin: u8, sender: Sender, boot_ms: u32) {
-        let is_it = |route: &Route| route.sender == sender;
-        let before_ms = self
-            .routes
-            .iter()
-            .find(|route| is_it(route))
-            .map_or(0, |route| route.boot_ms);
-        if boot_ms.saturating_add(OVERTAKEN_MS) < before_ms {
-            self.routes
-                .retain(|route| route.sender.system_id != sender.system_id);
-            self.learn(origin, sender);
+        let Some(route) = self.routes.iter_mut().find(|route| route.sender == sender) else {
+            return;
+        };
+        if boot_ms.saturating_add(OVERTAKEN_MS) >= route.boot_ms {
+            route.boot_ms = boot_ms;
+            route.anew_ms = None;
+            return;
         }
-        if let Some(route) = self.routes.iter_mut().find(|route| is_it(route)) {
+        if route
+            .anew_ms
+            .replace(boot_ms)
+            .is_none_or(|first_ms| boot_ms <= first_ms)
+        {
+            return;
+        }
+        self.routes
+            .retain(|route| route.sender.system_id != sender.system_id);
+        self.learn(origin, sender);
+        if let Some(route) = self.routes.iter_mut().find(|route| route.sender == sender) {
             route.boot_ms = boot_ms;
         }
     }
@@ -276,6 +295,15 @@ mod tests {
             "an overtaken message is no restart"
         );
         router.on_system_time(2, sender(1, 1), 800);
+        router.on_system_time(0, sender(1, 1), 60_600);
+        router.on_system_time(2, sender(1, 1), 800);
+        router.on_system_time(2, sender(1, 1), 800);
+        assert_eq!(
+            router.links_to(to(1, 0)),
+            set(&[0, 1]),
+            "one message is no restart, however often it comes"
+        );
+        router.on_system_time(2, sender(1, 1), 1_800);
         assert_eq!(router.links_to(to(1, 0)), set(&[2]));
         assert_eq!(
             router.links_to(to(255, 190)),

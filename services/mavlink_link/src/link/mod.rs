@@ -26,6 +26,8 @@ pub use write::Sent;
 
 use crate::frame::{MavlinkFrame, Splitter};
 use crate::message::{COMPONENT_AUTOPILOT, Content, Received};
+use crate::router::Sender;
+use crate::vehicle_selector::ALIVE_S;
 use handover::{Handover, HandoverMessage};
 use jink_shared_types::Timestamp;
 use mavlink::Message;
@@ -45,6 +47,9 @@ const RETRY_FIRST_S: f64 = 0.1;
 const RETRY_LONGEST_S: f64 = 1.0;
 /// Pause before a standby whose owner is gone looks for the next one (s).
 const RECONNECT_S: f64 = 0.1;
+
+/// A sender that speaks as another one is reported again when it was silent for so long (s).
+const IMPOSTOR_GONE_S: f64 = 30.0;
 
 /// Whether a call to [`Link::receive`] took everything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +71,8 @@ pub struct LinkCounters {
     pub unsent: u64,
     /// Times the link was opened again.
     pub reopened: u64,
-    /// Datagrams and connections from addresses that are not among the peers.
+    /// Datagrams and connections from addresses that are not among the peers, and messages that speak as the autopilot from another
+    /// address than it does.
     pub unknown_peers: u64,
 }
 
@@ -76,6 +82,10 @@ pub trait FrameFilter {
     fn admits(&mut self, frame: &MavlinkFrame<'_>) -> bool;
     /// Whether a message is wanted here; `content` is `None` if it cannot be decoded.
     fn wants(&mut self, frame: &MavlinkFrame<'_>, content: Option<&Content>) -> bool;
+    /// Whether `sender` may be the autopilot that the link is for.
+    fn is_autopilot(&self, sender: Sender) -> bool {
+        sender.component_id == COMPONENT_AUTOPILOT
+    }
 }
 
 /// Accepts every message.
@@ -93,10 +103,34 @@ impl FrameFilter for AcceptAll {
 /// Where a listening UDP link replies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplyPolicy {
-    /// The last sender that is an autopilot: a ground station on the same port changes nothing.
+    /// Our autopilot: a ground station or another vehicle on the same port changes nothing, nor does who speaks with our autopilot's
+    /// id from another address, as long as it is heard from its own.
     Autopilot,
     /// The last sender of an intact message.
     Anybody,
+}
+
+/// Whom a listening UDP link answers.
+#[derive(Clone, Copy, Debug)]
+struct Answered {
+    /// Its system; `None`: another process has found it.
+    system_id: Option<u32>,
+    heard: Timestamp,
+}
+
+/// Senders that speak as the autopilot from another address.
+#[derive(Clone, Copy, Debug)]
+struct Impostors {
+    heard: Timestamp,
+    is_reported: bool,
+}
+
+impl Impostors {
+    fn hear(&mut self, now: Timestamp) {
+        let is_new = !self.heard.is_set() || now.seconds_since(self.heard) > IMPOSTOR_GONE_S;
+        self.is_reported &= !is_new;
+        self.heard = now;
+    }
 }
 
 /// One link.
@@ -118,6 +152,8 @@ pub struct Link {
     handover_state: Option<Vec<u8>>,
     index: u8,
     reply_policy: ReplyPolicy,
+    answered: Option<Answered>,
+    impostors: Impostors,
     peers: Vec<IpAddr>,
     /// It is opened again when it is lost.
     reopens: bool,
@@ -149,6 +185,11 @@ impl Link {
             handover_state: None,
             index: 0,
             reply_policy: ReplyPolicy::Autopilot,
+            answered: None,
+            impostors: Impostors {
+                heard: Timestamp::NEVER,
+                is_reported: true,
+            },
             peers: Vec::new(),
             reopens: true,
         }
@@ -305,6 +346,11 @@ impl Link {
         }
     }
 
+    /// Whether somebody speaks as our autopilot from another address than it does; `true` once, and again after half a minute without.
+    pub fn take_impostor(&mut self) -> bool {
+        self.is_owner() && !std::mem::replace(&mut self.impostors.is_reported, true)
+    }
+
     /// Reads until nothing is left or `messages` has no spare capacity; nothing is allocated. The time of reception is
     /// read from `clock` after each read: the autopilot's clock is measured with it.
     ///
@@ -418,6 +464,10 @@ impl Link {
                 HandoverMessage::Link(parts) => {
                     self.splitter.reset();
                     self.transport = parts.and_then(Transport::of_parts);
+                    self.answered = Some(Answered {
+                        system_id: None,
+                        heard: now,
+                    });
                 }
                 HandoverMessage::Stream(time, range) => {
                     self.read_at = time;
@@ -476,13 +526,30 @@ impl Link {
             if !filter.admits(&frame) {
                 continue;
             }
-            let is_peer =
-                self.reply_policy == ReplyPolicy::Anybody || frame.header.component_id == COMPONENT_AUTOPILOT;
-            if frame.is_verified
-                && is_peer
-                && let Some(transport) = &mut self.transport
-            {
-                transport.set_peer_to_last_sender();
+            if let Some(transport) = &mut self.transport {
+                let sender = Sender {
+                    system_id: frame.header.system_id,
+                    component_id: frame.header.component_id,
+                };
+                let is_autopilot = self.reply_policy == ReplyPolicy::Autopilot && filter.is_autopilot(sender);
+                let is_heard_elsewhere = self.answered.is_some_and(|answered| {
+                    let is_it = answered
+                        .system_id
+                        .is_none_or(|system_id| system_id == sender.system_id);
+                    is_it && self.read_at.seconds_since(answered.heard) <= ALIVE_S
+                });
+                if is_autopilot && is_heard_elsewhere && !transport.is_from_peer() {
+                    self.counters.unknown_peers += 1;
+                    self.impostors.hear(self.read_at);
+                    continue;
+                }
+                if frame.is_verified && (is_autopilot || self.reply_policy == ReplyPolicy::Anybody) {
+                    transport.set_peer_to_last_sender();
+                    self.answered = Some(Answered {
+                        system_id: Some(sender.system_id),
+                        heard: self.read_at,
+                    });
+                }
             }
             let content = Content::of(&frame).filter(|_| frame.is_verified);
             let is_spoken = MavMessage::extra_crc(frame.message_id) != 0;

@@ -294,6 +294,16 @@ impl Transport {
         }
     }
 
+    /// Whether what was read last came from the address that is answered. Where there is none yet, or only one can send, it did.
+    pub(super) fn is_from_peer(&self) -> bool {
+        match self {
+            Transport::UdpIn {
+                peer, last_sender, ..
+            } => peer.is_none() || peer == last_sender,
+            _ => true,
+        }
+    }
+
     /// The datagram just read came from the one this link is for: answers go there.
     pub(super) fn set_peer_to_last_sender(&mut self) {
         if let Transport::UdpIn {

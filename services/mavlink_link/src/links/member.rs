@@ -10,7 +10,7 @@ use crate::signing::{SIGNATURE_BYTES, SIGNED_FRAME_MAX, SignatureRefusal, sign};
 use crate::tlog::Tlog;
 use jink_runtime::config::Signing;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{EventSample, LINK_FAST_AGAIN, LINK_SLOW};
+use jink_shared_types::events::{EventSample, LINK_FAST_AGAIN, LINK_SLOW, SECOND_SENDER};
 use jink_shared_types::health::Name;
 use jink_shared_types::link::LinkTraffic;
 
@@ -145,6 +145,12 @@ impl Member {
             CapacityChange::FastAgain => EventSample::new(&LINK_FAST_AGAIN, &self.name, [0.0; 2]),
         };
         Some(event)
+    }
+
+    /// Whether somebody else speaks as our autopilot.
+    pub(super) fn impostor(&mut self) -> Option<EventSample> {
+        let is_heard = self.link.take_impostor();
+        is_heard.then(|| EventSample::new(&SECOND_SENDER, &self.name, [0.0; 2]))
     }
 
     /// Logs a lost link once, and its return once.

@@ -275,7 +275,11 @@ impl Links {
         }
         let now = clock();
         let room = EVENTS_MAX - self.events.len();
-        let changes = self.members.iter_mut().filter_map(|member| member.judge(now));
+        let changes = self
+            .members
+            .iter_mut()
+            .flat_map(|member| [member.judge(now), member.impostor()])
+            .flatten();
         self.events.extend(changes.take(room));
         progress
     }
@@ -458,11 +462,14 @@ impl FrameFilter for LinkFilter<'_> {
             return false;
         }
         let router = &mut self.shared.router;
-        if frame.is_verified {
+        // Whoever says on a ground station's link that it is our autopilot takes nothing of it there.
+        let is_where_it_says =
+            self.rules.setup.purpose == Purpose::Autopilot || !self.us.is_autopilot(sender);
+        if frame.is_verified && is_where_it_says {
             router.learn(self.origin, sender);
-        }
-        if let Some(Content::Message(MavMessage::SYSTEM_TIME(time))) = content {
-            router.on_system_time(self.origin, sender, time.time_boot_ms);
+            if let Some(Content::Message(MavMessage::SYSTEM_TIME(time))) = content {
+                router.on_system_time(self.origin, sender, time.time_boot_ms);
+            }
         }
         let target = frame.target();
         if self.is_owner {
@@ -470,5 +477,9 @@ impl FrameFilter for LinkFilter<'_> {
             self.shared.forward_queue.add(to, frame.bytes);
         }
         self.us.accepts(target)
+    }
+
+    fn is_autopilot(&self, sender: Sender) -> bool {
+        self.us.is_autopilot(sender)
     }
 }

@@ -10,6 +10,7 @@ use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::config::{Purpose, Signing};
+use jink_shared_types::Timestamp;
 use jink_shared_types::events;
 use jink_testkit::pseudo_terminal::plug_in;
 use mavlink::dialect::*;
@@ -78,6 +79,8 @@ struct NetworkBench {
     handover_sockets: Vec<PathBuf>,
     peers: Vec<Peer>,
     received: Vec<Received>,
+    /// Where the clock stands; `None`: it runs.
+    clock: Option<Timestamp>,
 }
 
 impl NetworkBench {
@@ -103,6 +106,7 @@ impl NetworkBench {
             handover_sockets,
             peers: ports.into_iter().map(Peer::new).collect(),
             received: Vec::with_capacity(64),
+            clock: None,
         }
     }
 
@@ -124,7 +128,9 @@ impl NetworkBench {
 
     fn poll(&mut self) {
         self.received.clear();
-        while self.links.receive(jink_runtime::now, US, &mut self.received) == Progress::More {}
+        let clock = self.clock;
+        let now = || clock.unwrap_or_else(jink_runtime::now);
+        while self.links.receive(now, US, &mut self.received) == Progress::More {}
     }
 
     fn until(&mut self, what: &str, mut done: impl FnMut(&mut Self) -> bool) {
@@ -248,6 +254,68 @@ fn what_is_ours_reaches_whom_it_is_for() {
         received.iter().map(|frame| frame[4]).collect::<Vec<_>>()
     });
     assert_eq!(numbers.collect::<Vec<_>>(), [vec![0, 1], vec![0, 1], vec![0, 1]]);
+}
+
+#[test]
+fn no_message_of_a_stranger_moves_the_address() {
+    let mut bench = NetworkBench::introduced(|_| {});
+    let [autopilot, stranger] = [0, 0].map(|link: usize| Peer::new(bench.peers[link].port));
+    let autopilot = std::mem::replace(&mut bench.peers[0], autopilot);
+    bench.clock = Some(jink_runtime::now());
+    let mut told = 0;
+    let mut count = 0;
+    for id in MavMessage::all_ids() {
+        let message = MavMessage::default_message_from_id(*id).unwrap();
+        // Another vehicle, another component of ours, a station, and one who says that it is our autopilot.
+        for (system, component) in [(42, 1), (1, 100), (255, 190), (1, 1)] {
+            stranger.send(&bytes(system, component, message.clone()));
+            count += 1;
+            let mut impostors = 0;
+            autopilot.send(&bytes(1, 1, attitude(count)));
+            bench.until("the autopilot's message behind it", |bench| {
+                let of_autopilot =
+                    |one: &&Received| (one.header.system_id, one.header.component_id) == (1, 1);
+                let ours: Vec<_> = bench.received.iter().filter(of_autopilot).collect();
+                impostors += ours.len();
+                !ours.is_empty()
+            });
+            assert_eq!(impostors, 1, "{} is believed", message.message_name());
+            told += bench
+                .links
+                .take_events()
+                .filter(|event| event.id == events::SECOND_SENDER.id)
+                .count();
+            assert_eq!(bench.send(Destination::Link(0), command(1, 1)), [0]);
+            assert!(stranger.receive().is_empty(), "{}", message.message_name());
+            bench.peers[1].receive();
+            bench.peers[2].receive();
+        }
+    }
+    assert_eq!(told, 1, "the pilot is told once");
+    let report = bench.links.report();
+    assert_eq!(report.links[0].unknown_peers, MavMessage::all_ids().len() as u64);
+    assert!(!autopilot.receive().is_empty());
+
+    // The autopilot has fallen silent: who speaks as it is it, on another port.
+    bench.clock = bench.clock.map(|clock| clock.plus_seconds(2.0));
+    stranger.send(&bytes(1, 1, attitude(0)));
+    bench.until("the new address", |bench| !bench.received.is_empty());
+    bench.send(Destination::Link(0), command(1, 1));
+    assert!(!stranger.receive().is_empty());
+}
+
+#[test]
+fn who_says_on_a_stations_link_that_it_is_our_autopilot_gets_none_of_its_messages() {
+    let mut bench = NetworkBench::introduced(|_| {});
+    for boot_ms in [9_000, 10, 20, 30] {
+        let time = MavMessage::SYSTEM_TIME(SYSTEM_TIME_DATA {
+            time_boot_ms: boot_ms,
+            ..SYSTEM_TIME_DATA::default()
+        });
+        let from = usize::from(boot_ms < 9_000);
+        bench.passes(from, &bytes(1, 1, time));
+    }
+    assert_eq!(bench.passes(2, &bytes(254, 190, command(1, 1))), (vec![0], false));
 }
 
 #[test]
