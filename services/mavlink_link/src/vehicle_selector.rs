@@ -2,8 +2,9 @@
 //!
 //! Without a configured id the first autopilot is selected at once, so that a restarted gateway does not keep a flying
 //! vehicle waiting. If a second one appears within three seconds, the choice is ambiguous: neither is selected until
-//! only one is left, which then stays selected. Later autopilots are ignored, and so is system 0, the broadcast
-//! address: losing the vehicle in flight to another autopilot would stop its setpoints.
+//! only one is left, which then stays selected. Later autopilots are not ours, and so is system 0, the broadcast
+//! address: losing the vehicle in flight to another autopilot would stop its setpoints. A gateway that is started again
+//! in flight keeps the vehicle of the one before ([`VehicleSelector::resume`]), whoever else is heard.
 //!
 //! The vehicle may be received on several links. One of them is selected: the one on which it appeared first, until it
 //! is silent there for `SILENT_S` and received on another. What comes on the other links is a duplicate.
@@ -39,7 +40,10 @@ impl Candidate {
 pub struct VehicleSelector {
     configured: Option<u8>,
     first: Option<Candidate>,
+    /// The last other autopilot that was received.
     rival: Option<Candidate>,
+    /// The rival appeared together with the first: either may be ours.
+    is_ambiguous: bool,
     link: u8,
     link_received: Timestamp,
 }
@@ -51,9 +55,24 @@ impl VehicleSelector {
             configured,
             first: None,
             rival: None,
+            is_ambiguous: false,
             link: 0,
             link_received: Timestamp::NEVER,
         }
+    }
+
+    /// Keeps the vehicle and the link that the gateway before has flown until `now`, unless another one is configured.
+    pub fn resume(&mut self, system_id: u8, link: u8, now: Timestamp) {
+        if system_id == 0 || self.configured.is_some_and(|configured| configured != system_id) {
+            return;
+        }
+        self.first = Some(Candidate {
+            system_id,
+            since: Timestamp::NEVER,
+            last_received: now,
+        });
+        self.link = link;
+        self.link_received = now;
     }
 
     /// Our autopilot was last_received on `link`; answers whether that is its own.
@@ -90,14 +109,15 @@ impl VehicleSelector {
         };
         if first.system_id == system_id {
             first.last_received = time;
-        } else if self.rival.is_some() || time.seconds_since(first.since) <= DEBOUNCE_S {
+        } else {
+            self.is_ambiguous |= time.seconds_since(first.since) <= DEBOUNCE_S;
             self.rival = Some(last_received);
         }
     }
 
     /// When one of two is silent, the other is selected from now on.
     fn settle(&mut self, now: Timestamp) {
-        let (Some(first), Some(rival)) = (self.first, self.rival) else {
+        let (Some(first), Some(rival)) = (self.first, self.rival.filter(|_| self.is_ambiguous)) else {
             return;
         };
         let left = match (first.is_silent(now), rival.is_silent(now)) {
@@ -106,6 +126,7 @@ impl VehicleSelector {
             (false, false) => return,
         };
         self.rival = None;
+        self.is_ambiguous = false;
         // Nobody is a second one within three seconds of this any more.
         self.first = Some(Candidate {
             since: Timestamp::NEVER,
@@ -117,15 +138,16 @@ impl VehicleSelector {
     pub fn system_id(&self, now: Timestamp) -> Option<u8> {
         let mut settled = *self;
         settled.settle(now);
-        let undecided = settled.rival.is_some();
-        settled.first.filter(|_| !undecided).map(|first| first.system_id)
+        let is_decided = !settled.is_ambiguous;
+        settled.first.filter(|_| is_decided).map(|first| first.system_id)
     }
 
-    /// The second autopilot that puts the first in doubt.
-    pub fn rival(&self, now: Timestamp) -> Option<u8> {
-        let mut settled = *self;
-        settled.settle(now);
-        settled.rival.map(|rival| rival.system_id)
+    /// Two autopilots of which the configuration does not say which one is ours, while both are heard: the first one, which is
+    /// kept if it was there before the other, and the other.
+    pub fn two(&self, now: Timestamp) -> Option<[u8; 2]> {
+        let heard = |one: Option<Candidate>| one.filter(|one| !one.is_silent(now));
+        let (first, rival) = heard(self.first).zip(heard(self.rival))?;
+        Some([first.system_id, rival.system_id])
     }
 
     /// The system id to send with before an autopilot was received: on some links the companion has to send first. 1 is
@@ -182,8 +204,8 @@ mod tests {
             selector.observe(7, at(0.0));
             selector.observe(9, at(1.0));
             assert_eq!(
-                (selector.system_id(at(1.0)), selector.rival(at(1.0))),
-                (None, Some(9))
+                (selector.system_id(at(1.0)), selector.two(at(1.0))),
+                (None, Some([7, 9]))
             );
             for i in 0..20 {
                 selector.observe(7, at(f64::from(i)));
@@ -208,8 +230,28 @@ mod tests {
         assert_eq!(selector.system_id(at(60.0)), Some(7));
         selector.observe(9, at(60.1));
         assert_eq!(
-            (selector.system_id(at(60.1)), selector.rival(at(60.1))),
-            (Some(7), None)
+            (selector.system_id(at(60.1)), selector.two(at(60.1))),
+            (Some(7), Some([7, 9])),
+            "kept, and the other one is known of"
+        );
+        assert_eq!(selector.two(at(64.0)), None, "the other one is gone");
+    }
+
+    #[test]
+    fn a_vehicle_that_was_flown_is_kept_whoever_else_is_heard() {
+        let mut selector = VehicleSelector::new(None);
+        selector.resume(7, 1, at(0.0));
+        for i in 0..20 {
+            selector.observe(9, at(0.1 + f64::from(i)));
+            selector.observe(7, at(0.2 + f64::from(i)));
+        }
+        assert_eq!((selector.system_id(at(20.0)), selector.link()), (Some(7), 1));
+        let mut named = VehicleSelector::new(Some(9));
+        named.resume(7, 1, at(0.0));
+        assert_eq!(
+            (named.system_id(at(0.0)), named.link()),
+            (None, 0),
+            "another one is configured"
         );
     }
 

@@ -1,4 +1,5 @@
-//! What a gateway that is started again in flight needs to know of its predecessor: what is flown, and whether it is in the air.
+//! What a gateway that is started again in flight needs to know of its predecessor: which vehicle it is, what is flown, and whether
+//! it is in the air.
 //! It is written whenever it changes, and read once.
 
 use super::items::Course;
@@ -13,13 +14,13 @@ use nalgebra::Vector3;
 /// A record that is older than this (s) belongs to another flight: it is written every second at least.
 const VALID_S: f64 = 5.0;
 /// First byte: the layout.
-const LAYOUT: u8 = 3;
+const LAYOUT: u8 = 4;
 /// Bytes in front of the jumps.
 const HEAD: usize = SPEED_AT + 4 + 1;
 /// Where the speed in force begins; not a number: none.
 const SPEED_AT: usize = ASSIST_AT + ASSIST_BYTES;
 /// Where that of an assisted pilot begins.
-const ASSIST_AT: usize = 1 + 8 + 1 + 1 + 1 + 1 + 24 + 2;
+const ASSIST_AT: usize = 1 + 8 + 1 + 1 + 1 + 1 + 24 + 2 + 2;
 /// Flag in the flight_goal's byte: armed.
 const ARMED: u8 = 0x80;
 
@@ -28,6 +29,8 @@ const ARMED: u8 = 0x80;
 pub struct Record {
     /// When it was written.
     pub written: Timestamp,
+    /// System id of the vehicle, and the link on which it is received; `None`: the executive does not know.
+    pub vehicle: Option<(u8, u8)>,
     /// Mode in force.
     pub mode: NavMode,
     /// Motors armed.
@@ -47,6 +50,22 @@ pub struct Record {
 }
 
 impl Record {
+    /// Of a vehicle whose mission is none of jink's business.
+    pub fn without_mission(now: Timestamp, mode: NavMode, armed: bool, landed_state: LandedState) -> Self {
+        Self {
+            written: now,
+            vehicle: None,
+            mode,
+            armed,
+            landed_state,
+            flight_goal: FlightGoal::None,
+            returns_to_hold: false,
+            index: None,
+            course: Course::default(),
+            assist: None,
+        }
+    }
+
     /// Whether it belongs to the flight that is going on.
     pub fn is_valid(&self, now: Timestamp) -> bool {
         self.written <= now && now.seconds_since(self.written) <= VALID_S
@@ -82,6 +101,8 @@ impl Record {
             bytes.extend(coordinate.to_le_bytes());
         }
         bytes.extend(self.index.map_or(u16::MAX, |index| index).to_le_bytes());
+        let (system_id, link) = self.vehicle.unwrap_or((0, 0));
+        bytes.extend([system_id, link]);
         bytes.extend(assist::to_bytes(self.assist.as_ref()));
         bytes.extend(self.course.speed_mps.unwrap_or(f32::NAN).to_le_bytes());
         bytes.push(pairs.len() as u8);
@@ -108,6 +129,7 @@ impl Record {
         let index = u16::from_le_bytes([head[37], head[38]]);
         Some(Self {
             written: Timestamp::from_ns(u64::from_le_bytes(number(1))),
+            vehicle: (head[39] != 0).then_some((head[39], head[40])),
             mode: NavMode::from_code(head[9])?,
             armed: head[11] & ARMED != 0,
             landed_state: *LandedState::ALL.get(usize::from(head[10]))?,
@@ -138,15 +160,11 @@ impl Executive {
     /// What is to be known of it.
     pub fn record(&self, now: Timestamp, landed_state: LandedState) -> Record {
         Record {
-            written: now,
-            mode: self.before,
-            armed: self.was_armed,
-            landed_state,
             flight_goal: self.flight_goal,
             returns_to_hold: self.returns_to_hold,
             index: self.index.and_then(|index| u16::try_from(index).ok()),
             course: self.course,
-            assist: None,
+            ..Record::without_mission(now, self.before, self.was_armed, landed_state)
         }
     }
 

@@ -269,11 +269,16 @@ impl Gateway {
         outputs.report(EventSample::new(text.event, text.name, [text.number, 0.0]));
     }
 
-    /// What is to be known of this flight by a gateway that is started in it.
+    /// What is to be known of this flight by a gateway that is started in it; `None` before a vehicle is known.
     pub fn record(&self, now: Timestamp) -> Option<Record> {
-        let flight = self.mission.as_ref()?;
-        let record = flight.executive.record(now, self.vehicle.landed_state());
+        let system_id = self.selector.system_id(now)?;
+        let landed_state = self.vehicle.landed_state();
+        let record = match &self.mission {
+            Some(flight) => flight.executive.record(now, landed_state),
+            None => Record::without_mission(now, self.vehicle.mode(), self.vehicle.is_armed(), landed_state),
+        };
         Some(Record {
+            vehicle: Some((system_id, self.selector.link())),
             assist: self.assist.record(),
             ..record
         })
@@ -283,6 +288,9 @@ impl Gateway {
     #[must_use]
     pub fn resuming(mut self, now: Timestamp, record: Option<Record>) -> Self {
         let record = record.filter(|record| record.is_valid(now));
+        if let Some((system_id, link)) = record.and_then(|record| record.vehicle) {
+            self.selector.resume(system_id, link, now);
+        }
         if let Some((flight, record)) = self.mission.as_mut().zip(record) {
             flight.resume(now, &record);
             self.vehicle

@@ -34,7 +34,9 @@ use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::streams::Streams;
 use jink_mavlink_link::ticker::Ticker;
 use jink_mavlink_link::vehicle_selector::VehicleSelector;
-use jink_shared_types::events::{AUTOPILOT_FOUND, AUTOPILOT_LOST, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN};
+use jink_shared_types::events::{
+    AUTOPILOT_FOUND, AUTOPILOT_LOST, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN, TWO_AUTOPILOTS,
+};
 use jink_shared_types::health::Name;
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
 use jink_shared_types::params::{GW_OBST_RATE, MPC_XY_P, ParamSet};
@@ -61,6 +63,8 @@ const OBSTACLES_HZ: f64 = 5.0;
 const OBSTACLES_PREVENTION_HZ: f64 = 10.0;
 /// No rate is lower (Hz): one map may get lost within half a second.
 const OBSTACLES_LEAST_HZ: f64 = 2.5;
+/// A second autopilot is reported again when it was gone for so long (s).
+const TWO_GONE_S: f64 = 30.0;
 /// Rate at which the counters are published (Hz), as the topic table says.
 const STATUS_RATE_HZ: u32 = 5;
 /// A new trajectory does not wait for the beat, but keeps this part of a period behind the setpoint before: 2.5 ms at
@@ -102,6 +106,8 @@ pub struct Gateway {
     /// When that was asked for last, and how often.
     footing_asked: (Timestamp, u32),
     was_alive: bool,
+    /// When two autopilots were heard last.
+    two_heard: Timestamp,
     /// The autopilot was sent what comes before the first setpoint.
     was_announced: bool,
     ignored: u64,
@@ -151,6 +157,7 @@ impl Gateway {
             landed_state: Input::Missing,
             footing_asked: (Timestamp::NEVER, 0),
             was_alive: false,
+            two_heard: Timestamp::NEVER,
             was_announced: false,
             ignored: 0,
             last_setpoint: Timestamp::NEVER,
@@ -204,6 +211,7 @@ impl Gateway {
             self.take(now, received, outputs);
         }
         self.notice_life(now, outputs);
+        self.notice_two(now, outputs);
         for event in inputs.events.iter().filter(|event| event.id == GOAL_BLOCKED.id) {
             self.take_blocked_goal(now, event, outputs);
         }
@@ -298,10 +306,15 @@ impl Gateway {
             .is_some_and(|present| flight.may_rest(now, present.position))
     }
 
+    /// Our system: that of the vehicle that is selected, or that is to be.
+    fn our_system(&self, now: Timestamp) -> Option<u8> {
+        self.selector.system_id(now).or(self.config.system_id)
+    }
+
     /// Who we are on the links.
     pub fn us(&self, now: Timestamp) -> OwnIds {
         OwnIds {
-            system_id: self.selector.system_id(now),
+            system_id: self.our_system(now),
             components: [
                 self.config.component_id,
                 self.config.computer_component_id.unwrap_or(0),
@@ -358,6 +371,24 @@ impl Gateway {
         }
     }
 
+    /// Reports that two autopilots are heard and nobody says which one is ours; again if that has ended and comes back.
+    fn notice_two(&mut self, now: Timestamp, outputs: &mut Outputs) {
+        let Some(systems) = self.selector.two(now) else {
+            return;
+        };
+        let is_new = !self.two_heard.is_set() || now.seconds_since(self.two_heard) > TWO_GONE_S;
+        self.two_heard = now;
+        if is_new {
+            outputs.report(EventSample::new(&TWO_AUTOPILOTS, "", systems.map(f64::from)));
+        }
+    }
+
+    /// Whether it is certain which autopilot is ours. In flight it is: the one that is flown is kept.
+    fn is_unmistakable(&self, now: Timestamp) -> bool {
+        let is_on_ground = self.vehicle.armed() == Some(false);
+        self.selector.two(now).is_none() || self.selector.system_id(now).is_some() && !is_on_ground
+    }
+
     fn judge(&mut self, now: Timestamp, inputs: &Inputs<'_>) {
         self.position
             .notice(self.was_alive && self.vehicle.is_position_valid(now));
@@ -372,6 +403,10 @@ impl Gateway {
             self.approved,
             self.landed_state,
             self.profile_check.input,
+            match self.is_unmistakable(now) {
+                true => Input::Flowing,
+                false => Input::Missing,
+            },
         ];
         self.heartbeats
             .set_state(now, avoidance::judge(inputs.system, &needed));

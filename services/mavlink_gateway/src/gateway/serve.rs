@@ -164,7 +164,7 @@ impl Gateway {
 
     /// Which of our components is addressed, and how. Commands to all components are for the autopilot to answer.
     fn addressed(&self, now: Timestamp, content: &Content) -> Option<Addressed> {
-        let ours = self.selector.system_id(now)?;
+        let ours = self.our_system(now)?;
         let target = content.target();
         let is_ours = target.system_id == u32::from(ours);
         let named = |component_id| Addressed {

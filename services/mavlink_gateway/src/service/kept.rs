@@ -4,7 +4,7 @@ use crate::ProfileChoice;
 use crate::ProfileName;
 use crate::executive::record::Record;
 use jink_shared_types::Timestamp;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// How often what is flown is written down although it has not changed (s): it is read if it is not much older.
 const WRITTEN_EVERY_S: f64 = 1.0;
@@ -16,11 +16,8 @@ pub(super) struct FlightFile {
 }
 
 impl FlightFile {
-    pub(super) fn of(folder: &Path) -> Self {
-        Self {
-            path: folder.join("mavlink_gateway.flight"),
-            written: None,
-        }
+    pub(super) fn of(path: PathBuf) -> Self {
+        Self { path, written: None }
     }
 
     pub(super) fn read(&self) -> Option<Record> {

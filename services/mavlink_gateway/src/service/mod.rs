@@ -127,7 +127,7 @@ impl Service for GatewayService {
             .names()
             .map(|name| ports.range_output(topics::RANGE_SCAN, name, 0.0))
             .collect::<Result<_, _>>()?;
-        let flight = FlightFile::of(&ports.setup().instance.folder());
+        let flight = FlightFile::of(ports.setup().instance.flight_record());
         Ok(Self {
             gateway: Gateway::new(config)
                 .resuming(ports.clock().now(), flight.read())

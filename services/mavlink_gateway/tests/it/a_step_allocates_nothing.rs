@@ -151,6 +151,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
         ..GatewayConfig::from_params(&params, ProfileName::Px4Offboard)
     };
     let record = Record {
+        vehicle: Some((1, 0)),
         written: at(0.0),
         mode: NavMode::Position,
         armed: true,
