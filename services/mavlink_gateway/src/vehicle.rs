@@ -38,7 +38,7 @@ const JUMP_FLOOR_M: f64 = 0.3;
 const JUMP_ACCELERATION_MPS2: f64 = 10.0;
 /// A report of the circle is on its way for this long at most (s): PX4 sends it five times a second.
 const ORBIT_REPORT_LATE_S: f64 = 0.5;
-/// A stamp this much older than the one before (ms) comes from a new start of the autopilot, not from a late packet.
+/// A stamp this much older than the one before (ms) comes from a new start of the autopilot, or from a packet that is very late.
 const REBOOT_BACK_MS: i32 = 1000;
 /// A stamp that runs ahead of the board's clock by this much (s) does, too (the counter has wrapped or was reset).
 const REBOOT_AHEAD_S: f64 = 10.0;
@@ -75,31 +75,54 @@ pub enum AttitudeNews {
     Reboot,
 }
 
-/// The last stamp of one kind of message.
-#[derive(Clone, Copy, Debug, Default)]
-struct Stamp(Option<(u32, Timestamp)>);
+/// The kinds of messages that are dated by the autopilot's clock.
+#[derive(Clone, Copy, Debug)]
+enum Dated {
+    Position,
+    Attitude,
+}
 
-impl Stamp {
-    fn take(&mut self, boot_ms: u32, received: Timestamp) -> Order {
-        let order = match self.0 {
-            None => Order::Next,
-            Some((last_ms, last_received)) => {
-                let forward_ms = boot_ms.wrapping_sub(last_ms) as i32;
-                let passed_s = received.seconds_since(last_received);
-                if forward_ms <= -REBOOT_BACK_MS || f64::from(forward_ms) * 1e-3 > passed_s + REBOOT_AHEAD_S {
-                    Order::Reboot
-                } else if forward_ms < 0 {
-                    Order::Late
-                } else {
-                    Order::Next
-                }
-            }
-        };
-        if order != Order::Late {
-            self.0 = Some((boot_ms, received));
+/// The autopilot's clock as its messages show it: milliseconds since its start.
+///
+/// That it has started anew is believed when two messages in a row say so, of whichever kind, the second later than the first. One
+/// alone is late, or somebody else's: a flight does not end with it.
+#[derive(Clone, Copy, Debug, Default)]
+struct BootClock {
+    /// The last stamp of each kind.
+    last: [Option<(u32, Timestamp)>; 2],
+    /// The stamp that says so alone.
+    anew: Option<(u32, Timestamp)>,
+}
+
+impl BootClock {
+    fn take(&mut self, kind: Dated, boot_ms: u32, received: Timestamp) -> Order {
+        let last = &mut self.last[kind as usize];
+        let later_ms = last.map_or(0, |last| forward_ms(last, boot_ms));
+        let is_anew =
+            later_ms <= -REBOOT_BACK_MS || last.is_some_and(|last| runs_ahead(last, boot_ms, received));
+        if is_anew {
+            let first = self.anew.replace((boot_ms, received));
+            let is_confirmed = first
+                .is_some_and(|first| forward_ms(first, boot_ms) > 0 && !runs_ahead(first, boot_ms, received));
+            return if is_confirmed { Order::Reboot } else { Order::Late };
         }
-        order
+        self.anew = None;
+        if later_ms < 0 {
+            return Order::Late;
+        }
+        *last = Some((boot_ms, received));
+        Order::Next
     }
+}
+
+/// By how much a stamp is later than the one before (ms); the counter may have wrapped.
+fn forward_ms((last_ms, _): (u32, Timestamp), boot_ms: u32) -> i32 {
+    boot_ms.wrapping_sub(last_ms) as i32
+}
+
+/// Whether a stamp is later than the time that has passed since the one before allows.
+fn runs_ahead(last: (u32, Timestamp), boot_ms: u32, received: Timestamp) -> bool {
+    f64::from(forward_ms(last, boot_ms)) * 1e-3 > received.seconds_since(last.1) + REBOOT_AHEAD_S
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -126,8 +149,7 @@ pub struct VehicleTracker {
     attitude: Attitude,
     rates: AngularRate<jink_shared_types::BodyFrd>,
     attitude_time: Timestamp,
-    position_stamp: Stamp,
-    attitude_stamp: Stamp,
+    clock: BootClock,
     received: Timestamp,
     make: Option<AutopilotType>,
     mode: NavMode,
@@ -151,8 +173,7 @@ impl Default for VehicleTracker {
             attitude: Attitude::default(),
             rates: AngularRate::ZERO,
             attitude_time: Timestamp::NEVER,
-            position_stamp: Stamp::default(),
-            attitude_stamp: Stamp::default(),
+            clock: BootClock::default(),
             received: Timestamp::NEVER,
             make: None,
             mode: NavMode::Unknown,
@@ -333,7 +354,7 @@ impl VehicleTracker {
         }
     }
 
-    /// Takes a position. Returns `true` if its stamp shows that the autopilot has started anew; all motion is then
+    /// Takes a position. Returns `true` if its stamp, the second in a row, shows that the autopilot has started anew; all motion is then
     /// forgotten, the coordinates count as reset, and the message itself is left out because its time is not known yet.
     pub fn take_position(
         &mut self,
@@ -348,7 +369,7 @@ impl VehicleTracker {
         if !sane {
             return false;
         }
-        match self.position_stamp.take(message.time_boot_ms, received) {
+        match self.clock.take(Dated::Position, message.time_boot_ms, received) {
             Order::Late => return false,
             Order::Reboot => {
                 self.forget_motion();
@@ -392,7 +413,7 @@ impl VehicleTracker {
         let Some(local_q_body) = unit_quaternion(components).filter(|_| rates_are_finite) else {
             return AttitudeNews::Ignored;
         };
-        match self.attitude_stamp.take(message.time_boot_ms, received) {
+        match self.clock.take(Dated::Attitude, message.time_boot_ms, received) {
             Order::Late => return AttitudeNews::Ignored,
             Order::Reboot => {
                 self.forget_motion();
@@ -413,8 +434,7 @@ impl VehicleTracker {
         self.ground = (f64::NAN, Timestamp::NEVER);
         self.landed_state = LandedState::Unknown;
         self.home_down_m = f64::NAN;
-        self.position_stamp = Stamp::default();
-        self.attitude_stamp = Stamp::default();
+        self.clock = BootClock::default();
     }
 
     /// The state at the time of the last attitude, with that time; `None` before the first position and attitude.

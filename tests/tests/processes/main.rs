@@ -10,6 +10,7 @@ mod a_planner_of_somebody_else_flies;
 mod a_real_depth_camera_is_read_from_its_device;
 mod a_real_lidar_is_read_from_its_socket;
 mod a_real_rangefinder_is_read_from_its_serial_port;
+mod a_second_autopilot_is_not_felt;
 mod a_second_instance_takes_over_without_a_start;
 mod a_second_of_flight_costs_no_more_than_its_budget;
 mod a_sensor_of_somebody_else_is_a_row;

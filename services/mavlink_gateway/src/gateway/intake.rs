@@ -5,15 +5,19 @@ use super::assist::AssistedFlight;
 use super::mission::MissionFlight;
 use super::steering::Steering;
 use crate::desired::{self, VerticalMotions};
-use crate::executive::Part;
+use crate::executive::record::Record;
+use crate::executive::{FlightGoal, Part};
 use crate::io::Outputs;
 use crate::note::Note;
+use crate::ranges::Arrived;
 use crate::vehicle::AttitudeNews;
 use jink_mavlink_link::clock_map::ClockMap;
 use jink_mavlink_link::clock_map::nanoseconds;
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
 use jink_mavlink_link::vehicle_selector::{is_autopilot, is_from_autopilot};
 use jink_shared_types::Timestamp;
+use jink_shared_types::beams::BeamRefused;
+use jink_shared_types::events::{AUTOPILOT_RESTARTED, EventSample};
 use mavlink::Message;
 use mavlink::dialect::{MavMessage, TIMESYNC_DATA};
 
@@ -24,7 +28,6 @@ impl Gateway {
         if self.serve(now, received, outputs) {
             return;
         }
-        self.take_ranges(now, received, outputs);
         if let Content::Message(message) = &received.content
             && header.component_id == COMPONENT_AUTOPILOT
             && !self.config.ground_station_links.contains(received.link)
@@ -42,6 +45,7 @@ impl Gateway {
                 return;
             }
         }
+        self.take_row(now, received, outputs);
         if let Content::Message(MavMessage::HEARTBEAT(heartbeat)) = &received.content
             && self.selector.system_id(now).is_some()
             && received.link == self.autopilot_link()
@@ -52,31 +56,17 @@ impl Gateway {
         self.ignored += 1;
     }
 
-    /// Ranges are taken from our vehicle only: the autopilot's beams, and rows of whoever is configured.
-    fn take_ranges(&mut self, now: Timestamp, received: &Received, outputs: &mut Outputs) {
+    /// Rows of ranges of another component are taken from our vehicle only, and not from a ground station's link.
+    fn take_row(&mut self, now: Timestamp, received: &Received, outputs: &mut Outputs) {
         let header = received.header;
-        let Content::Message(message) = &received.content else {
-            return;
-        };
-        if self.selector.system_id(now).map(u32::from) != Some(header.system_id) {
-            return;
-        }
-        let arrived = match message {
-            MavMessage::DISTANCE_SENSOR(beam) if header.component_id == COMPONENT_AUTOPILOT => {
-                self.sources.take_beam(beam, received.time)
-            }
-            MavMessage::OBSTACLE_DISTANCE(row) => {
-                self.sources.take_row(header.component_id, row, received.time)
-            }
-            _ => None,
-        };
-        match arrived {
-            Some(Ok(arrived)) => outputs.see(arrived),
-            Some(Err(cause)) => outputs.note(Note::RangesRefused {
-                component: header.component_id,
-                cause,
-            }),
-            None => {}
+        let is_ours = self.selector.system_id(now).map(u32::from) == Some(header.system_id)
+            && header.component_id != COMPONENT_AUTOPILOT
+            && !self.config.ground_station_links.contains(received.link);
+        if let Content::Message(MavMessage::OBSTACLE_DISTANCE(row)) = &received.content
+            && is_ours
+        {
+            let arrived = self.sources.take_row(header.component_id, row, received.time);
+            see(header.component_id, arrived, outputs);
         }
     }
 
@@ -104,7 +94,7 @@ impl Gateway {
             MavMessage::LOCAL_POSITION_NED(position) => {
                 let mapped = self.clock.map_ms(position.time_boot_ms, time);
                 if self.vehicle.take_position(position, time, mapped) {
-                    self.autopilot_restarted(now);
+                    self.autopilot_restarted(now, outputs);
                 }
             }
             MavMessage::ATTITUDE_QUATERNION(attitude) => {
@@ -112,7 +102,7 @@ impl Gateway {
                 match self.vehicle.take_attitude(attitude, time, mapped) {
                     AttitudeNews::Taken => outputs.vehicle_state = self.vehicle_state(now),
                     AttitudeNews::Ignored => {}
-                    AttitudeNews::Reboot => self.autopilot_restarted(now),
+                    AttitudeNews::Reboot => self.autopilot_restarted(now, outputs),
                 }
             }
             MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(waypoints) if self.mission.is_none() => {
@@ -126,6 +116,13 @@ impl Gateway {
                 outputs.desired_path = Some((path, capture));
             }
             MavMessage::TIMESYNC(sync) => self.take_timesync(now, received, sync, outputs),
+            MavMessage::DISTANCE_SENSOR(beam) => {
+                see(COMPONENT_AUTOPILOT, self.sources.take_beam(beam, time), outputs);
+            }
+            MavMessage::OBSTACLE_DISTANCE(row) => {
+                let arrived = self.sources.take_row(COMPONENT_AUTOPILOT, row, time);
+                see(COMPONENT_AUTOPILOT, arrived, outputs);
+            }
             MavMessage::EXTENDED_SYS_STATE(state) => self.vehicle.take_landed(state),
             MavMessage::ALTITUDE(altitude) => self.vehicle.take_altitude(altitude, time),
             MavMessage::HOME_POSITION(home) if self.mission.is_none() => self.vehicle.take_home(home),
@@ -189,8 +186,19 @@ impl Gateway {
         });
     }
 
-    /// Its clock and its coordinates have begun anew.
-    fn autopilot_restarted(&mut self, now: Timestamp) {
+    /// Its clock and its coordinates have begun anew. A mission that was flown is flown on, once it is read and the autopilot follows
+    /// again; a place in its former coordinates is none any more.
+    fn autopilot_restarted(&mut self, now: Timestamp, outputs: &mut Outputs) {
+        let flown = self
+            .record(now)
+            .filter(|record| record.armed)
+            .map(|record| Record {
+                flight_goal: match record.flight_goal {
+                    FlightGoal::GoTo(_) => FlightGoal::None,
+                    goal => goal,
+                },
+                ..record
+            });
         self.clock = ClockMap::default();
         self.profile_check.restart();
         self.streams = self.needed_streams();
@@ -198,6 +206,9 @@ impl Gateway {
         self.assist = AssistedFlight::default();
         if let Some(flight) = &mut self.mission {
             *flight = MissionFlight::new(Part::of(&self.config));
+            if let Some(flown) = &flown {
+                flight.resume(now, flown);
+            }
             flight.read_anew(now);
         }
         self.desired = None;
@@ -206,5 +217,15 @@ impl Gateway {
         self.was_announced = false;
         self.profile.reset();
         self.wire.interrupted();
+        outputs.report(EventSample::new(&AUTOPILOT_RESTARTED, "", [0.0; 2]));
+    }
+}
+
+/// Gives out the ranges that came from `component`, or why they cannot be used.
+fn see(component: u8, arrived: Option<Result<Arrived, BeamRefused>>, outputs: &mut Outputs) {
+    match arrived {
+        Some(Ok(arrived)) => outputs.see(arrived),
+        Some(Err(cause)) => outputs.note(Note::RangesRefused { component, cause }),
+        None => {}
     }
 }

@@ -8,6 +8,7 @@ mod a_step_allocates_nothing;
 mod an_assisted_pilot_has_a_way_out;
 mod ground_stations_get_their_answers;
 mod harness;
+mod only_our_autopilot_moves_anything;
 mod position_targets_fly_what_was_approved;
 mod ranges_of_others_become_scans;
 mod setpoints_fly_what_was_approved;

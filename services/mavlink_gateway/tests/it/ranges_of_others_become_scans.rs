@@ -4,10 +4,14 @@
 use crate::support::{Bench, MODE_HOLD, SYSTEM};
 use jink_mavlink_gateway::ranges::{RANGEFINDER, ROW, RangeSources, SensorTable};
 use jink_mavlink_gateway::{Gateway, GatewayConfig};
+use jink_mavlink_link::router::LinkSet;
 use jink_shared_types::ranges::RangeScan;
 use mavlink::MessageData;
 use mavlink::dialect::*;
 use nalgebra::Vector3;
+
+/// The link of a ground station.
+const GROUND: u8 = 1;
 
 fn bench() -> Bench {
     let front = SensorTable {
@@ -26,6 +30,7 @@ fn bench() -> Bench {
     let sources = RangeSources::new(&[front, radar]).unwrap();
     bench.gateway = Gateway::new(GatewayConfig {
         is_proven: true,
+        ground_station_links: LinkSet::default().with(GROUND),
         ..GatewayConfig::default()
     })
     .with_range_sources(sources);
@@ -91,6 +96,9 @@ fn ours_are_taken_and_all_others_passed_over() {
     );
     assert_eq!(scans, [(0, 3.0), (1, 4.5)]);
     assert!(taken(&mut bench, &[]).is_empty(), "each of them once");
+    bench.link = GROUND;
+    let from_a_station = [(SYSTEM, 1, beam(2, 100)), (SYSTEM, 195, row(100))];
+    assert!(taken(&mut bench, &from_a_station).is_empty());
 }
 
 #[test]
