@@ -10,6 +10,16 @@ pub const fn text(hash: u64, text: &str) -> u64 {
     number(bytes(hash, text.as_bytes()), text.len() as u64)
 }
 
+/// Continues `hash` with `texts` and their number.
+pub const fn texts(mut hash: u64, texts: &[&str]) -> u64 {
+    let mut i = 0;
+    while i < texts.len() {
+        hash = text(hash, texts[i]);
+        i += 1;
+    }
+    number(hash, texts.len() as u64)
+}
+
 /// Continues `hash` with the eight little-endian bytes of `number`.
 pub const fn number(hash: u64, number: u64) -> u64 {
     bytes(hash, &number.to_le_bytes())

@@ -139,9 +139,10 @@ impl TopicRow {
         self.name.replace('*', member)
     }
 
-    /// The row and its payload's layout, folded into `before`.
+    /// The row, its payload's layout, and who may use it, folded into `before`.
     const fn fold(&self, before: u64, layout: u64) -> u64 {
-        let named = hash::text(hash::text(before, self.name), self.payload);
+        let users = hash::texts(hash::texts(before, self.producers), self.consumers);
+        let named = hash::text(hash::text(users, self.name), self.payload);
         let typed = hash::number(hash::number(named, layout), self.wakes as u64);
         hash::number(
             hash::number(typed, self.buffer as u64),
@@ -236,8 +237,8 @@ macro_rules! topics {
             None
         }
 
-        /// A number that two builds have in common if they agree on every topic: its name, what its samples say, and
-        /// what is shared when it is opened.
+        /// A number that two builds have in common if they agree on every topic: its name, what its samples say, which programs
+        /// may use it, and what is shared when it is opened.
         pub const FINGERPRINT: u64 = {
             let mut all = hash::number(hash::START, SampleHeader::LAYOUT_HASH);
             $( all = $name.row.fold(all, <$payload>::LAYOUT_HASH); )*
@@ -387,6 +388,14 @@ mod tests {
         let row = VEHICLE_STATE.row;
         let others = [
             TopicRow { name: "x", ..row },
+            TopicRow {
+                producers: &["planner"],
+                ..row
+            },
+            TopicRow {
+                consumers: &["planner"],
+                ..row
+            },
             TopicRow { payload: "X", ..row },
             TopicRow {
                 wakes: !row.wakes,

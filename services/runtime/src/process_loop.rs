@@ -49,6 +49,7 @@ pub(crate) enum Ended {
 }
 
 fn start<S: Service>(setup: Setup) -> Result<Ended, StartError> {
+    setup.wants(S::PROGRAM)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|error| StartError::Needs {

@@ -41,13 +41,23 @@ pub fn file_of(program: &Path) -> PathBuf {
     }
 }
 
-/// A command that starts `file`, as the program called `name` if it is one that has many in it.
-pub fn command(file: &Path, name: &OsStr) -> Command {
-    let mut command = Command::new(file);
+/// A command that starts `program`: where a file has many in it, as the one that `program` is called, else as the one called `name`.
+pub fn command(program: &Path, name: &OsStr) -> Command {
+    let file = file_of(program);
+    let mut command = Command::new(&file);
     if [JINK, LAB].iter().any(|many| file.ends_with(many)) {
-        command.arg0(name);
+        let called = program.file_name().filter(|called| service_of(called).is_some());
+        command.arg0(called.unwrap_or(name));
     }
     command
+}
+
+/// What the service behind a program of ours is called in the topic table: `planner` of `jink-planner`. `None` of any other program.
+pub fn service_of(program: &OsStr) -> Option<String> {
+    let name = program.to_str()?;
+    let is_ours = name == SIMULATOR || IN_JINK.contains(&name);
+    let service = name.strip_prefix("jink-").filter(|_| is_ours)?;
+    Some(service.replace('-', "_"))
 }
 
 /// The name this process was started under, which becomes what `ps` and `top` show of it.
@@ -67,8 +77,29 @@ pub fn own_name() -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{IN_JINK, file_of};
+    use super::{IN_JINK, command, file_of, service_of};
     use std::path::Path;
+
+    #[test]
+    fn a_program_is_started_under_the_name_that_it_was_called_by() {
+        let shown = |program: &str| format!("{:?}", command(Path::new(program), "jink-planner".as_ref()));
+        for (program, started) in [
+            ("/a/jink", "[\"/a/jink\"] \"jink-planner\""),
+            ("/a/jink-planner", "[\"/a/jink\"] \"jink-planner\""),
+            (
+                "/a/jink-bezier-generator",
+                "[\"/a/jink\"] \"jink-bezier-generator\"",
+            ),
+            ("/a/own-planner", "\"/a/own-planner\""),
+        ] {
+            assert_eq!(shown(program), started);
+        }
+        assert_eq!(
+            service_of("jink-bezier-generator".as_ref()).as_deref(),
+            Some("bezier_generator")
+        );
+        assert_eq!(service_of("jink-bad-candidate".as_ref()), None);
+    }
 
     #[test]
     fn a_file_of_its_own_counts_before_the_one_that_has_all() {

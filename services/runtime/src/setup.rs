@@ -4,8 +4,10 @@ use crate::config::ConfigError;
 use crate::instance::Instance;
 use crate::open_error::OpenError;
 use clap::{CommandFactory, FromArgMatches, Parser};
+use jink_shared_types::topics::FINGERPRINT;
 use std::ffi::OsString;
 use std::fmt;
+use std::num::ParseIntError;
 use std::path::PathBuf;
 
 /// What the supervisor passes to a process when it starts it.
@@ -21,6 +23,12 @@ pub struct Setup {
     /// Instance to join
     #[arg(long, default_value = "default")]
     pub instance: Instance,
+    /// Program that the row of the process table is for; another one refuses to start
+    #[arg(long)]
+    pub program: Option<String>,
+    /// Fingerprint of the topics that the supervisor knows; a build with others refuses to start
+    #[arg(long, value_parser = fingerprint)]
+    pub topics: Option<u64>,
     /// Folder with jink.toml
     #[arg(long, default_value = "config")]
     pub config: PathBuf,
@@ -71,6 +79,30 @@ impl Setup {
         })
     }
 
+    /// Whether this build of `program` is what the process table wants to be started.
+    ///
+    /// # Errors
+    /// [`StartError::Needs`] if the row is another program's, or the topics differ.
+    pub(crate) fn wants(&self, program: &str) -> Result<(), StartError> {
+        let refused = |what: &str, cause: String| {
+            Err(StartError::Needs {
+                what: what.to_owned(),
+                cause,
+            })
+        };
+        match (&self.program, self.topics) {
+            (Some(wanted), _) if wanted != program => refused(
+                "another program",
+                format!("the process {} is one of {wanted}", self.process),
+            ),
+            (_, Some(topics)) if topics != FINGERPRINT => refused(
+                "other topics",
+                format!("its layouts differ ({FINGERPRINT:016x}, the supervisor's are {topics:016x})"),
+            ),
+            _ => Ok(()),
+        }
+    }
+
     /// The name behind `--sensor`, the only argument of a sensor's driver.
     ///
     /// # Errors
@@ -91,6 +123,11 @@ impl Setup {
         let matches = command.try_get_matches()?;
         Self::from_arg_matches(&matches)
     }
+}
+
+/// A fingerprint of topics as it is written on command lines.
+fn fingerprint(text: &str) -> Result<u64, ParseIntError> {
+    u64::from_str_radix(text, 16)
 }
 
 /// Why a service could not start.
@@ -127,5 +164,35 @@ impl From<OpenError> for StartError {
 impl From<ConfigError> for StartError {
     fn from(error: ConfigError) -> Self {
         Self::Config(error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Setup;
+    use clap::Parser;
+    use jink_shared_types::topics::FINGERPRINT;
+
+    #[test]
+    fn a_program_starts_only_in_a_row_of_its_own_and_with_the_topics_of_the_supervisor() {
+        let own = format!("{FINGERPRINT:016x}");
+        let other = format!("{:016x}", FINGERPRINT ^ 1);
+        let started = |more: &[&str]| {
+            let line = ["jink", "--process", "front"].iter().chain(more);
+            let setup = Setup::try_parse_from(line).unwrap();
+            setup.wants("lidar_driver").map_err(|error| error.to_string())
+        };
+        assert_eq!(started(&[]), Ok(()), "by hand");
+        assert_eq!(started(&["--program", "lidar_driver", "--topics", &own]), Ok(()));
+        let another = started(&["--program", "depth_driver", "--topics", &own]);
+        assert_eq!(
+            another.unwrap_err(),
+            "another program: the process front is one of depth_driver"
+        );
+        let differs = started(&["--program", "lidar_driver", "--topics", &other]).unwrap_err();
+        assert!(
+            differs.contains("its layouts differ") && differs.contains(&other),
+            "{differs}"
+        );
     }
 }

@@ -37,9 +37,10 @@ use jink_runtime::config::{
     plugged_in, read,
 };
 use jink_runtime::{Instance, programs};
+use jink_shared_types::topics::FINGERPRINT;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
@@ -316,6 +317,14 @@ pub struct Start<'a> {
 }
 
 impl ProcessRow {
+    /// Which of jink's services the row is for, whichever program it names; `None`: somebody else's, whose identity are the topics
+    /// that the row grants.
+    fn service(&self) -> Option<String> {
+        let by_name =
+            || programs::service_of(OsStr::new(&format!("jink-{}", self.rules.name.replace('_', "-"))));
+        programs::service_of(&self.program_name).or_else(by_name)
+    }
+
     /// The command line of a start, without the program's name: [`jink_runtime::Setup`] reads it.
     pub fn arguments_of(&self, start: &Start<'_>) -> Vec<OsString> {
         let text = |text: &dyn ToString| OsString::from(text.to_string());
@@ -337,6 +346,15 @@ impl ProcessRow {
             "--log".into(),
             text(&self.log.unwrap_or(start.log).to_string().to_lowercase()),
         ];
+        if let Some(program) = self.service() {
+            let topics = format!("{FINGERPRINT:016x}");
+            arguments.extend([
+                "--program".into(),
+                program.into(),
+                "--topics".into(),
+                topics.into(),
+            ]);
+        }
         if let Some(core) = self.core {
             arguments.extend(["--core".into(), text(&core)]);
         }

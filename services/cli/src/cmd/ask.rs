@@ -4,7 +4,7 @@ use jink_control::sayln;
 use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, request, running};
 use jink_runtime::request::Request;
 use jink_runtime::{Instance, programs};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// The supervisor in the place of a process.
@@ -15,7 +15,8 @@ const SUPERVISOR: &str = "supervisor";
 #[command(after_help = "\
 The new binary starts beside the old one, reads the same inputs and publishes nothing. When it has run its cycles within
 budget, with outputs that can be used, ownership changes at one moment that both know before; the old one stands by for
-two more seconds and takes back if the new one fails.
+two more seconds and takes back if the new one fails, or if others lack what they need since. The program of another
+service is refused before it has opened anything.
 
 `jink swap supervisor BINARY` lets another supervisor go on; the services do not notice.
 
@@ -33,11 +34,11 @@ pub struct SwapArgs {
     cycles: Option<u64>,
 }
 
-/// Which process is to be replaced by itself.
+/// Which process is to be started anew.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Without --hard the replacement runs beside the old one first and takes over without a gap, like a swap. A process that is
-down is started.
+What is started is the program that services.toml names, whatever has been swapped in. Without --hard the replacement runs
+beside the old one first and takes over without a gap, like a swap. A process that is down is started.
 
 Exit codes: 0 done; 1 refused; 3 nothing is running.")]
 pub struct RestartArgs {
@@ -58,9 +59,7 @@ pub struct StopArgs {
 
 /// Runs `jink swap`.
 pub fn swap(instance: &Instance, args: &SwapArgs) -> Result<ExitCode, Problem> {
-    // The supervisor has a working folder of its own.
-    let program = std::fs::canonicalize(programs::file_of(&args.binary))
-        .map_err(Problem::io(args.binary.display().to_string()))?;
+    let program = absolute(&args.binary).map_err(Problem::io(args.binary.display().to_string()))?;
     if args.service == SUPERVISOR {
         if args.dry_run {
             return Err(Problem::Other(
@@ -79,6 +78,18 @@ pub fn swap(instance: &Instance, args: &SwapArgs) -> Result<ExitCode, Problem> {
             dry_run: args.dry_run,
         },
     )
+}
+
+/// Where `program` is, for the supervisor, which has a working folder of its own. Its name stays as it was called: one file has many
+/// programs in it.
+fn absolute(program: &Path) -> std::io::Result<PathBuf> {
+    // That there is one at all.
+    std::fs::metadata(programs::file_of(program))?;
+    let program = std::path::absolute(program)?;
+    match (program.parent(), program.file_name()) {
+        (Some(folder), Some(name)) => Ok(std::fs::canonicalize(folder)?.join(name)),
+        _ => Ok(program),
+    }
 }
 
 /// Runs `jink restart`.

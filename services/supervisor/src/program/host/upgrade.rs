@@ -103,5 +103,5 @@ fn text_of(file: &mut File) -> String {
 
 /// A command that starts the supervisor in another file.
 pub fn supervisor_in(program: &Path) -> Command {
-    programs::command(&programs::file_of(program), "jink-supervisor".as_ref())
+    programs::command(program, "jink-supervisor".as_ref())
 }
