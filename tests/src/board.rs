@@ -424,7 +424,7 @@ impl Board {
             }
             Action::PublishEvent(event) => self.shared.raise(now, &event),
             // The program is the same; there is nothing to clean up; the caller ends the flight.
-            Action::Commit { .. } | Action::CleanUp | Action::End(_) => {}
+            Action::Commit { .. } | Action::TakeBack { .. } | Action::CleanUp | Action::End(_) => {}
         }
     }
 }

@@ -8,14 +8,18 @@
 //! | starting | the candidate sends a heartbeat from its loop | it ends, or its start grace is over |
 //! | probation | it has run the cycles requested, within budget, with outputs a consumer can use, neither mute beside the owner nor in a flood | it ends, falls silent, or fails the [`Trial`] |
 //! | switching | the moment written into the control record has passed | it ends: the owner keeps what it has |
-//! | watching | it has run as owner for [`WATCH_S`] | it ends or hangs: the former owner takes back |
+//! | watching | it has run as owner for [`WATCH_S`] | it ends or hangs, or a process that worked lacks what it needs for [`LACK_S`]: the former owner takes back |
 //!
-//! A process whose row says `shadow = false` has no second instance: a swap ends it and starts the new program.
+//! A process whose row says `shadow = false` has no second instance: a swap ends it and starts the new program, and the former program
+//! is started again if that one ends or hangs within [`WATCH_S`].
+//!
+//! Which service a candidate is, and whether it knows the same topics, it is asked when it is started (`--program`, `--topics` of
+//! [`jink_runtime::Setup`]): another one ends before it has opened anything.
 
 use crate::process::Exit;
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_shared_types::Timestamp;
-use jink_shared_types::health::{Heartbeat, ServiceState, SwapPhase};
+use jink_shared_types::health::{Heartbeat, Name, ServiceState, SwapPhase};
 use std::fmt;
 
 /// Cycles of a probation by default: five seconds at 10 Hz, so that rare cycles occur, too.
@@ -24,7 +28,10 @@ pub const PROBATION_CYCLES: u64 = 50;
 const PROBATION_MIN_S: f64 = 1.0;
 /// Longest probation (s): a candidate that has not run its cycles by then has nothing to do, or is stuck.
 const PROBATION_MAX_S: f64 = 60.0;
-/// Share of the probation's cycles that may be over budget: what a busy machine causes for any process.
+/// After this time (s) a candidate that would not run its cycles by then at the rate so far has shown it.
+const PROBATION_LOOK_S: f64 = 10.0;
+/// Share of the probation's cycles that may be over budget, besides as many as the owner's in the same time: what a busy machine causes
+/// for any process.
 const MISSES_SHARE: f64 = 0.05;
 /// A candidate with less than its inverse of the owner's outputs is mute; one with more than this many times the owner's,
 /// and than this many per cycle, floods. An owner that has nothing to say does not keep another from saying something.
@@ -38,6 +45,8 @@ pub const SWITCH_LEAD_S: f64 = 2.0 * HEARTBEAT_PERIOD_S;
 pub const SETTLE_S: f64 = 0.1;
 /// How long the former owner stands by (s).
 pub const WATCH_S: f64 = 2.0;
+/// So long a process that worked at the switch may lack what it needs (s): several deadlines of any topic that is needed.
+pub const LACK_S: f64 = 0.5;
 /// A shadow that is silent for this many times its heartbeat time-out hangs. More time than for an owner: nothing
 /// depends on it yet.
 const SILENT_TIMES: f64 = 5.0;
@@ -69,7 +78,50 @@ pub(crate) enum ShadowRole {
     Former {
         /// When it may go.
         until: Timestamp,
+        /// What came of the switch so far.
+        outcome: Outcome,
     },
+}
+
+/// What the others say since a candidate owns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Outcome {
+    /// Processes that worked at the switch, one bit each.
+    pub(crate) worked: u32,
+    /// Since when one of these works no more.
+    lacking_since: Option<Timestamp>,
+    /// Why the former owner is to take back.
+    pub(crate) failed: Option<SwapRefusal>,
+}
+
+impl Outcome {
+    /// At the switch, where the processes of the bits of `worked` work.
+    pub(crate) fn new(worked: u32) -> Self {
+        Self {
+            worked,
+            lacking_since: None,
+            failed: None,
+        }
+    }
+
+    /// Takes the first process that worked and does not at `now`. Whether the candidate has failed by it.
+    pub(crate) fn judge(&mut self, now: Timestamp, lacking: Option<Name>) -> bool {
+        let Some(name) = lacking else {
+            self.lacking_since = None;
+            return false;
+        };
+        let since = *self.lacking_since.get_or_insert(now);
+        let failed = now.seconds_since(since) >= LACK_S;
+        if failed {
+            self.failed.get_or_insert(SwapRefusal::Lacking(name));
+        }
+        failed
+    }
+
+    /// Whether everybody who worked works.
+    pub(crate) fn is_good(&self) -> bool {
+        self.lacking_since.is_none()
+    }
 }
 
 /// A swap under way.
@@ -186,7 +238,7 @@ impl SwapProgress {
     pub fn is_last(&self) -> bool {
         matches!(
             self,
-            Self::Replaced | Self::Done | Self::DryRunPassed { .. } | Self::Refused(_) | Self::RolledBack(_)
+            Self::Done | Self::DryRunPassed { .. } | Self::Refused(_) | Self::RolledBack(_)
         )
     }
 
@@ -209,7 +261,7 @@ impl fmt::Display for SwapProgress {
                 "the candidate owns; the former owner stands by for {WATCH_S} s"
             ),
             Self::Replaced => f.write_str(
-                "its row says `shadow = false`: the old one ends, the new program is started; nobody takes back if it fails",
+                "its row says `shadow = false`: the old one ends, the new program is started, and the old one again if that fails",
             ),
             Self::Done => f.write_str("swapped"),
             Self::DryRunPassed { trial } => write!(f, "probation passed ({trial}); nothing was changed"),
@@ -242,6 +294,8 @@ pub enum SwapRefusal {
     Outputs(Trial),
     /// The candidate had nothing to do, or too little.
     TooFewCycles(Trial),
+    /// A process that worked before the candidate owned lacks what it needs.
+    Lacking(Name),
     /// The owner died meanwhile and is being restarted.
     OwnerDied,
     /// The system stops.
@@ -266,6 +320,11 @@ impl fmt::Display for SwapRefusal {
                 "the candidate's outputs differ in number from the owner's: {trial}"
             ),
             Self::TooFewCycles(trial) => write!(f, "the candidate had too little to do: {trial}"),
+            Self::Lacking(name) => write!(
+                f,
+                "since the candidate owned, {} has not had what it needs",
+                name.as_str()
+            ),
             Self::OwnerDied => f.write_str("the owner died meanwhile and is restarted"),
             Self::Stopping => f.write_str("the system stops"),
         }
@@ -287,15 +346,18 @@ pub struct Trial {
     pub implausible: u64,
     /// The owner's outputs in the same time.
     pub owner_outputs: u64,
+    /// The owner's cycles over budget in the same time.
+    pub owner_misses: u64,
 }
 
 impl fmt::Display for Trial {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} cycles, {} over budget, longest {:.1} ms; {} outputs ({} unusable) beside {} of the owner",
+            "{} cycles, {} over budget beside {} of the owner, longest {:.1} ms; {} outputs ({} unusable) beside {} of the owner",
             self.cycles,
             self.misses,
+            self.owner_misses,
             f64::from(self.worst_us) * 1e-3,
             self.outputs,
             self.implausible,
@@ -326,6 +388,7 @@ impl Trial {
                 .implausible_outputs
                 .saturating_sub(candidate_then.implausible_outputs),
             owner_outputs: owner.outputs.saturating_sub(owner_then.outputs),
+            owner_misses: owner.budget_misses.saturating_sub(owner_then.budget_misses),
         }
     }
 
@@ -344,7 +407,9 @@ impl Swap {
         };
         let trial = Trial::between(begin, candidate, owner);
         let elapsed_s = now.seconds_since(self.since);
-        let misses_max = 1 + (self.cycles.max(trial.cycles) as f64 * MISSES_SHARE) as u64;
+        let misses_max =
+            1 + (self.cycles.max(trial.cycles) as f64 * MISSES_SHARE) as u64 + trial.owner_misses;
+        let cycles_by_the_end = trial.cycles as f64 * PROBATION_MAX_S / elapsed_s;
         if trial.implausible > 0 {
             TrialVerdict::Failed(SwapRefusal::Implausible(trial))
         } else if trial.misses > misses_max {
@@ -355,7 +420,7 @@ impl Swap {
             } else {
                 TrialVerdict::Failed(SwapRefusal::Outputs(trial))
             }
-        } else if elapsed_s > PROBATION_MAX_S {
+        } else if elapsed_s > PROBATION_LOOK_S && cycles_by_the_end < self.cycles as f64 {
             TrialVerdict::Failed(SwapRefusal::TooFewCycles(trial))
         } else {
             TrialVerdict::Goes
@@ -394,6 +459,15 @@ mod tests {
     }
 
     fn judge(after_s: f64, candidate: Heartbeat, owner_outputs: u64) -> TrialVerdict {
+        judge_beside(after_s, candidate, owner_outputs, 0)
+    }
+
+    fn judge_beside(
+        after_s: f64,
+        candidate: Heartbeat,
+        owner_outputs: u64,
+        owner_misses: u64,
+    ) -> TrialVerdict {
         let since = Timestamp::from_seconds(10.0);
         let swap = Swap {
             phase: SwapPhase::Probation,
@@ -403,8 +477,39 @@ mod tests {
             begin: Some((beat(100, 7, 90, 0), beat(9_000, 0, 8_000, 0))),
             from: Timestamp::NEVER,
         };
-        let owner = beat(9_100, 0, 8_000 + owner_outputs, 0);
+        let owner = beat(9_100, owner_misses, 8_000 + owner_outputs, 0);
         swap.judge(since.plus_seconds(after_s), &candidate, &owner)
+    }
+
+    #[test]
+    fn a_busy_machine_makes_owner_and_candidate_late_and_refuses_nobody() {
+        let late = beat(150, 27, 140, 0);
+        assert!(matches!(
+            judge_beside(5.0, late, 50, 17),
+            TrialVerdict::Passed(trial) if trial.misses == 20 && trial.owner_misses == 17
+        ));
+        assert!(matches!(
+            judge_beside(5.0, late, 50, 16),
+            TrialVerdict::Failed(SwapRefusal::OverBudget(_))
+        ));
+    }
+
+    #[test]
+    fn whoever_has_nothing_to_do_is_refused_soon_and_whoever_is_slow_has_a_minute() {
+        assert_eq!(judge(9.9, beat(100, 7, 90, 0), 0), TrialVerdict::Goes);
+        assert!(matches!(
+            judge(10.1, beat(100, 7, 90, 0), 0),
+            TrialVerdict::Failed(SwapRefusal::TooFewCycles(_))
+        ));
+        assert_eq!(
+            judge(30.0, beat(126, 7, 116, 0), 26),
+            TrialVerdict::Goes,
+            "of a sensor at 1 Hz"
+        );
+        assert!(matches!(
+            judge(58.0, beat(150, 7, 140, 0), 50),
+            TrialVerdict::Passed(_)
+        ));
     }
 
     #[test]
@@ -449,7 +554,7 @@ mod tests {
             matches!(flood, TrialVerdict::Failed(SwapRefusal::Outputs(_))),
             "{flood:?}"
         );
-        let idle = judge(61.0, beat(110, 7, 100, 0), 600);
+        let idle = judge(20.0, beat(110, 7, 100, 0), 600);
         assert!(
             matches!(idle, TrialVerdict::Failed(SwapRefusal::TooFewCycles(_))),
             "{idle:?}"

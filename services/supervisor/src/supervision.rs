@@ -219,9 +219,11 @@ impl Supervision {
     }
 
     fn restart_requested(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
-        let Some(process) = self.processes.get_mut(index).filter(|_| self.stopping.is_none()) else {
+        if self.stopping.is_some() || index >= self.processes.len() {
             return;
-        };
+        }
+        self.forget_replaced(index, actions);
+        let process = &mut self.processes[index];
         process.reason = ReplaceReason::Asked;
         match process.run_state {
             RunState::Running => end_to_start_again(process, index, now, actions),
@@ -258,7 +260,7 @@ impl Supervision {
         if !asked {
             process.reason = ReplaceReason::Died;
         }
-        if self.take_over(now, index, exit, actions) {
+        if self.take_over(now, index, exit, actions) || self.take_back(now, index, exit, actions) {
             return;
         }
         let Some(process) = self.processes.get_mut(index) else {

@@ -27,9 +27,11 @@ enum Vice {
     FailsAsOwner,
     /// Is fine until it owns, then it hangs.
     HangsAsOwner,
+    /// Is fine until it owns, then it puts out nothing.
+    MuteAsOwner,
 }
 
-const VICES: [(&str, Vice); 8] = [
+const VICES: [(&str, Vice); 9] = [
     ("crashes", Vice::Crashes),
     ("too_slow", Vice::TooSlow),
     ("garbled", Vice::Garbled),
@@ -38,6 +40,7 @@ const VICES: [(&str, Vice); 8] = [
     ("other_layout", Vice::OtherLayout),
     ("fails_as_owner", Vice::FailsAsOwner),
     ("hangs_as_owner", Vice::HangsAsOwner),
+    ("mute_as_owner", Vice::MuteAsOwner),
 ];
 
 /// Cycles before it crashes.
@@ -102,7 +105,8 @@ impl Service for BadPlanner {
         if self.vice == Vice::Garbled {
             route.guide_len = u32::MAX;
         }
-        if self.vice != Vice::Mute {
+        let is_mute = self.vice == Vice::Mute || self.vice == Vice::MuteAsOwner && owns;
+        if !is_mute {
             self.output.send(header, &route);
         }
         Wake::at(cycle.now.plus_seconds(1.0 / 30.0))

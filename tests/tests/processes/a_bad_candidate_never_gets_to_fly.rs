@@ -18,6 +18,7 @@ fn in_flight() {
         ("too_slow", "too slow"),
         ("fails_as_owner", "rolled back"),
         ("hangs_as_owner", "rolled back"),
+        ("mute_as_owner", "has not had what it needs"),
     ] {
         let candidate = folder.path().join(name);
         std::fs::copy(programs().join("jink-bad-candidate"), &candidate).unwrap();
@@ -32,8 +33,8 @@ fn in_flight() {
     assert_eq!(figures["outcome"], "goal", "{figures}");
     assert_eq!(figures["collisions"], 0, "{figures}");
     assert_eq!(figures["fcu_hold_count"], 0, "{figures}");
-    // Of the two that were taken back, the one that hung had to be ended.
-    assert!(figures["restarts"].as_u64().unwrap() <= 2, "{figures}");
+    // Of the three that were taken back, the one that hung and the one that was mute had to be ended.
+    assert!(figures["restarts"].as_u64().unwrap() <= 3, "{figures}");
 }
 
 #[test]

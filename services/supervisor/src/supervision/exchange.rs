@@ -140,6 +140,11 @@ pub enum Action {
         /// Which process.
         process: usize,
     },
+    /// The program before the last [`Self::Commit`] is the process's program again.
+    TakeBack {
+        /// Which process.
+        process: usize,
+    },
     /// Report to the client that requested a swap how it goes.
     ReportSwap {
         /// Which process.

@@ -1,17 +1,17 @@
 //! Second instances in the state machine: swaps, hot shadows, and which instance takes over when an owner dies. The
 //! rules are in [`crate::shadow`].
 
-use super::stopping::end_to_start_again;
+use super::stopping::{end_to_start_again, kill_for_replacement};
 use super::{Action, Exit, LOOK_S, Supervision, raise};
 use crate::process::{Process, RunState};
 use crate::shadow::{
-    SETTLE_S, SWITCH_LEAD_S, Shadow, ShadowRole, Swap, SwapProgress, SwapRefusal, TrialVerdict, WATCH_S,
-    quiet_moment,
+    Outcome, SETTLE_S, SWITCH_LEAD_S, Shadow, ShadowRole, Swap, SwapProgress, SwapRefusal, TrialVerdict,
+    WATCH_S, quiet_moment,
 };
 use jink_shared_types::Timestamp;
 use jink_shared_types::control::{Control, ControlEntry};
 use jink_shared_types::events;
-use jink_shared_types::health::{Name, ReplaceReason, SwapPhase};
+use jink_shared_types::health::{Name, ReplaceReason, ServiceState, SwapPhase};
 
 /// A hot shadow is started when its owner has run this long (s): where owners die at once, a shadow would die, too.
 const HOT_AFTER_S: f64 = 1.0;
@@ -24,6 +24,8 @@ pub(super) struct SecondInstance {
     pub(super) shadow: Option<Shadow>,
     /// A swap that waits for its place.
     wanted: Option<Swap>,
+    /// Of a row without second instances: a new program has been started behind this generation, and is watched.
+    replaced: Option<u32>,
     /// No hot shadow before.
     not_before: Timestamp,
     /// What it left in shared memory has not been removed.
@@ -71,7 +73,7 @@ impl Supervision {
                 .shadow
                 .as_ref()
                 .is_some_and(|one| one.role != ShadowRole::Hot);
-            busy || second.wanted.is_some()
+            busy || second.wanted.is_some() || second.replaced.is_some()
         })
     }
 
@@ -107,6 +109,7 @@ impl Supervision {
         }
         if !process.rules.has_shadow {
             process.reason = ReplaceReason::Swapped;
+            second.replaced = Some(process.generation);
             end_to_start_again(process, index, now, actions);
             actions.push(Action::Commit { process: index });
             report_swap(actions, index, SwapProgress::Replaced);
@@ -129,6 +132,7 @@ impl Supervision {
         for index in 0..self.second_instances.len() {
             self.start_second(now, index, actions);
             self.step_second(now, index, actions);
+            self.conclude_replaced(now, index, actions);
         }
     }
 
@@ -156,7 +160,74 @@ impl Supervision {
         });
     }
 
+    /// A program that took the place of another one without a second instance is good once it has run in its loop for a while.
+    fn conclude_replaced(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
+        let (process, second) = (&self.processes[index], &mut self.second_instances[index]);
+        let is_good = process.in_loop() && now.seconds_since(process.started) >= WATCH_S;
+        if second
+            .replaced
+            .take_if(|before| is_good && process.generation > *before)
+            .is_some()
+        {
+            report_swap(actions, index, SwapProgress::Done);
+            raise(actions, &events::PROCESS_SWAPPED, process, 0.0);
+        }
+    }
+
+    /// A program that took the place of another one without a second instance has died: whether the former one is started again.
+    pub(super) fn take_back(
+        &mut self,
+        now: Timestamp,
+        index: usize,
+        exit: Exit,
+        actions: &mut Vec<Action>,
+    ) -> bool {
+        let (process, second) = (&mut self.processes[index], &mut self.second_instances[index]);
+        let failed = second.replaced.take_if(|before| process.generation > *before);
+        if failed.is_none() {
+            return false;
+        }
+        process.run_state = RunState::Resting { until: now };
+        actions.push(Action::TakeBack { process: index });
+        report_swap(actions, index, SwapProgress::RolledBack(SwapRefusal::Ended(exit)));
+        raise(actions, &events::SWAP_ROLLED_BACK, process, 0.0);
+        true
+    }
+
+    /// Somebody else decides what runs as process `index`: nobody watches a replaced program any more.
+    pub(super) fn forget_replaced(&mut self, index: usize, actions: &mut Vec<Action>) {
+        if self.second_instances[index].replaced.take().is_some() {
+            report_swap(actions, index, SwapProgress::Done);
+        }
+    }
+
+    /// The processes that the system needs and that say that they work, one bit each.
+    fn working(&self) -> u32 {
+        let is_working = |process: &Process| {
+            process.rules.essential
+                && process.run_state == RunState::Running
+                && process.heartbeat().state == ServiceState::Active
+        };
+        let processes = self.processes.iter().enumerate();
+        processes.fold(0, |bits, (index, process)| {
+            bits | u32::from(is_working(process)) << index
+        })
+    }
+
     fn step_second(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
+        let working = self.working();
+        let watched = match self.second_instances[index]
+            .shadow
+            .as_ref()
+            .map(|shadow| shadow.role)
+        {
+            Some(ShadowRole::Former { outcome, .. }) => outcome.worked & !working,
+            _ => 0,
+        };
+        let lacking = self
+            .processes
+            .get(watched.trailing_zeros() as usize)
+            .map(|process| Name::new(&process.rules.name));
         let (process, second) = (&mut self.processes[index], &mut self.second_instances[index]);
         let Some(shadow) = second.shadow.as_mut().filter(|shadow| !shadow.ending) else {
             return;
@@ -169,8 +240,12 @@ impl Supervision {
             }
             ShadowRole::Hot if silent => end(second, index, actions),
             ShadowRole::Hot => {}
-            ShadowRole::Former { until } => {
-                if now >= *until || silent {
+            ShadowRole::Former { until, outcome } => {
+                if outcome.judge(now, lacking) {
+                    if process.run_state == RunState::Running {
+                        kill_for_replacement(now, index, process, ReplaceReason::Swapped, actions);
+                    }
+                } else if silent || (now >= *until && outcome.is_good()) {
                     actions.push(Action::Commit { process: index });
                     report_swap(actions, index, SwapProgress::Done);
                     raise(actions, &events::PROCESS_SWAPPED, process, 0.0);
@@ -214,6 +289,7 @@ impl Supervision {
                         process.reason = ReplaceReason::Swapped;
                         shadow.role = ShadowRole::Former {
                             until: now.plus_seconds(WATCH_S),
+                            outcome: Outcome::new(working),
                         };
                         actions.push(Action::Promote { process: index });
                         report_swap(actions, index, SwapProgress::Switched);
@@ -244,9 +320,10 @@ impl Supervision {
                 refuse(process, second, index, SwapRefusal::OwnerDied, actions);
                 return false;
             }
-            ShadowRole::Former { .. } => {
+            ShadowRole::Former { outcome, .. } => {
                 shadow.epoch = process.next_generation();
-                report_swap(actions, index, SwapProgress::RolledBack(SwapRefusal::Ended(exit)));
+                let why = outcome.failed.unwrap_or(SwapRefusal::Ended(exit));
+                report_swap(actions, index, SwapProgress::RolledBack(why));
                 raise(actions, &events::SWAP_ROLLED_BACK, process, 0.0);
             }
             ShadowRole::Candidate(_) => {
@@ -306,6 +383,7 @@ impl Supervision {
 
     /// Ends the second instance of one process, because of `refusal` if it was a candidate.
     pub(super) fn end_second_of(&mut self, index: usize, refusal: SwapRefusal, actions: &mut Vec<Action>) {
+        self.forget_replaced(index, actions);
         let (process, second) = (&mut self.processes[index], &mut self.second_instances[index]);
         let candidate = second
             .shadow
@@ -323,7 +401,7 @@ impl Supervision {
         let any = self
             .second_instances
             .iter()
-            .any(|second| second.shadow.is_some() || second.wanted.is_some());
+            .any(|second| second.shadow.is_some() || second.wanted.is_some() || second.replaced.is_some());
         any.then(|| now.plus_seconds(LOOK_S))
     }
 }

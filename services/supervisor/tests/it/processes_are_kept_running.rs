@@ -274,6 +274,76 @@ fn a_swap_goes_all_the_way_and_a_bad_candidate_leaves_the_owner_alone() {
     assert_eq!(rig.stale_resources(), [""; 0]);
 }
 
+/// The file that process `pid` runs.
+fn file_of(pid: u32) -> std::path::PathBuf {
+    std::fs::read_link(format!("/proc/{pid}/exe")).unwrap()
+}
+
+#[test]
+fn a_death_brings_the_swapped_program_back_and_a_restart_the_one_of_the_table() {
+    for alone in ["", "shadow = false"] {
+        let mut rig = Rig::new(&[row("one", "[]", alone)]);
+        rig.start();
+        let first = rig.wait_active("one").pid;
+        let own = file_of(first);
+        let other = rig.config.join("other");
+        std::fs::copy(stand_in(), &other).unwrap();
+        let swap = |program: Option<std::path::PathBuf>| Request::Swap {
+            process: "one".to_owned(),
+            program,
+            cycles: Some(5),
+            dry_run: false,
+        };
+        let answers = rig.ask(&swap(Some(other.clone())));
+        assert!(answers.last().unwrap().good, "{answers:?}");
+        let second = rig
+            .wait_process("one", |one| {
+                one.pid != first && one.pid != 0 && one.state == ServiceState::Active
+            })
+            .pid;
+        assert_eq!(file_of(second), other);
+        send(second, Signal::KILL);
+        let third = rig
+            .wait_process("one", |one| {
+                one.pid != second && one.pid != 0 && one.state == ServiceState::Active
+            })
+            .pid;
+        assert_eq!(file_of(third), other);
+        let answers = rig.ask(&swap(None));
+        assert!(answers.last().unwrap().good, "{answers:?}");
+        let fourth = rig
+            .wait_process("one", |one| {
+                one.pid != third && one.pid != 0 && one.state == ServiceState::Active
+            })
+            .pid;
+        assert_eq!(file_of(fourth), own, "{alone}");
+        let (status, log) = rig.stop();
+        assert!(status.success(), "{log}");
+    }
+}
+
+#[test]
+fn where_there_is_no_second_instance_a_wrong_program_gives_way_to_the_right_one() {
+    let mut rig = Rig::new(&[row("one", "[]", "shadow = false")]);
+    rig.start();
+    let first = rig.wait_active("one").pid;
+    let own = file_of(first);
+    let answers = rig.ask(&Request::Swap {
+        process: "one".to_owned(),
+        program: Some("/bin/false".into()),
+        cycles: None,
+        dry_run: false,
+    });
+    let last = answers.last().unwrap();
+    assert!(!last.good && last.text.contains("rolled back"), "{answers:?}");
+    let back = rig.wait_process("one", |one| {
+        one.pid != first && one.pid != 0 && one.state == ServiceState::Active
+    });
+    assert_eq!(file_of(back.pid), own);
+    let (status, log) = rig.stop();
+    assert!(status.success(), "{log}");
+}
+
 #[test]
 fn the_supervisor_itself_is_upgraded_and_nobody_notices() {
     let mut rig = Rig::new(&[row("one", "[]", "")]);

@@ -47,7 +47,7 @@ impl Launch {
     }
 
     fn command(&self, row: &ProcessRow, program: &Path, generation: u32, shadow: bool) -> Command {
-        let mut command = programs::command(&programs::file_of(program), &row.program_name);
+        let mut command = programs::command(program, &row.program_name);
         command.args(row.arguments_of(&Start {
             instance: &self.instance,
             config: &self.config,
@@ -94,6 +94,10 @@ impl Running {
 
 struct Slot {
     row: ProcessRow,
+    /// The program that the table names, whatever has been swapped in since.
+    own: PathBuf,
+    /// The program before the last swap.
+    former: Option<PathBuf>,
     log: LogFile,
     /// Of the second instance: the two change their logs when they change their places.
     shadow_log: LogFile,
@@ -119,6 +123,8 @@ impl Children {
             .map(|row| Slot {
                 log: LogFile::new(&launch.instance, &row.rules.name),
                 shadow_log: LogFile::new(&launch.instance, &format!("{}.shadow", row.rules.name)),
+                own: row.program.clone(),
+                former: None,
                 row,
                 running: None,
                 shadow: None,
@@ -218,10 +224,10 @@ impl Children {
         }
     }
 
-    /// The program with which the next candidate of process `index` is started; `None` = its own.
+    /// The program with which the next candidate of process `index` is started; `None` = the one that the table names.
     pub fn stage(&mut self, index: usize, program: Option<PathBuf>) {
         if let Some(slot) = self.slots.get_mut(index) {
-            slot.staged = program;
+            slot.staged = Some(program.unwrap_or_else(|| slot.own.clone()));
         }
     }
 
@@ -238,7 +244,17 @@ impl Children {
         if let Some(slot) = self.slots.get_mut(index)
             && let Some(program) = slot.staged.take()
         {
-            tracing::info!(process = slot.row.rules.name, program = %program.display(), "program changed");
+            tracing::info!(process = slot.row.rules.name, program = %program.display(), "program");
+            slot.former = Some(std::mem::replace(&mut slot.row.program, program));
+        }
+    }
+
+    /// The program before that is the program of process `index` again.
+    pub fn take_back(&mut self, index: usize) {
+        if let Some(slot) = self.slots.get_mut(index)
+            && let Some(program) = slot.former.take()
+        {
+            tracing::info!(process = slot.row.rules.name, program = %program.display(), "program taken back");
             slot.row.program = program;
         }
     }

@@ -159,6 +159,7 @@ impl System {
                 Action::KillShadow { process } => self.children.kill_shadow(process),
                 Action::Promote { process } => self.children.promote(process),
                 Action::Commit { process } => self.children.commit(process),
+                Action::TakeBack { process } => self.children.take_back(process),
                 Action::ReportSwap { process, progress } => self.report_swap(process, &progress),
                 Action::CleanUp => self.sweeper.request(),
                 Action::PublishEvent(event) => self.shared.raise(now, &event),
@@ -277,6 +278,8 @@ impl System {
                         return Some(refusal(format!("{} is not executable", program.display())));
                     }
                     None if self.supervision.is_down(process) && !dry_run => {
+                        self.children.stage(process, None);
+                        self.children.commit(process);
                         self.observations.push(Observation::RestartRequested { process });
                         return Some(done(format!("{name} is started")));
                     }
@@ -299,6 +302,8 @@ impl System {
                 None
             }
             Request::Restart { .. } => {
+                self.children.stage(process, None);
+                self.children.commit(process);
                 self.observations.push(Observation::RestartRequested { process });
                 Some(done(format!("{name} is restarted")))
             }

@@ -56,6 +56,7 @@ struct SimulatedHost {
     /// Second instances.
     shadows: Vec<Child>,
     commits: usize,
+    taken_back: usize,
     progress: Vec<SwapProgress>,
     end: Option<End>,
     /// Whether children end on SIGTERM.
@@ -78,6 +79,7 @@ impl SimulatedHost {
             clean_ups: 0,
             shadows: vec![Child::None; rules_len],
             commits: 0,
+            taken_back: 0,
             progress: Vec::new(),
             end: None,
             obedient: true,
@@ -202,6 +204,7 @@ impl SimulatedHost {
                     self.shadows[process] = std::mem::replace(&mut self.children[process], shadow);
                 }
                 Action::Commit { .. } => self.commits += 1,
+                Action::TakeBack { .. } => self.taken_back += 1,
                 Action::ReportSwap { progress, .. } => self.progress.push(progress),
                 Action::CleanUp => self.clean_ups += 1,
                 Action::PublishEvent(event) => self.events.push(event.id),

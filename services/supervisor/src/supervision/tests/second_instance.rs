@@ -6,12 +6,18 @@ use crate::supervision::{Action, End, Exit, Observation};
 use crate::table::ProcessRules;
 use jink_shared_types::coded::Coded;
 use jink_shared_types::control::{Control, ControlEntry};
-use jink_shared_types::health::{Heartbeat, ServiceState};
+use jink_shared_types::events;
+use jink_shared_types::health::{Heartbeat, Name, ServiceState};
 use proptest::prelude::*;
 
 /// A swap of the only process, its candidate in its loop and in probation.
 fn in_probation(cycles: u64) -> SimulatedHost {
-    let mut host = SimulatedHost::running(vec![rules("a")]);
+    in_probation_beside(cycles, vec![rules("a")])
+}
+
+/// The same beside other processes.
+fn in_probation_beside(cycles: u64, rules: Vec<ProcessRules>) -> SimulatedHost {
+    let mut host = SimulatedHost::running(rules);
     host.observe(&[Observation::SwapRequested {
         process: 0,
         cycles,
@@ -47,6 +53,11 @@ fn pass_both(host: &mut SimulatedHost, seconds: f64, cycles: u64, misses: u64) {
     }
     if let Child::Alive(generation, _) = host.shadows[0] {
         beats.push(beat(generation, misses, host));
+    }
+    for (process, child) in host.children.iter().enumerate().skip(1) {
+        if let Child::Alive(generation, Some(state)) = child {
+            beats.push(host.beat(process, *generation, *state));
+        }
     }
     host.observe(&beats);
 }
@@ -118,14 +129,118 @@ fn without_a_shadow_a_swap_ends_the_old_one_and_starts_the_new_program_at_once()
     for _ in 0..3 {
         host.pass(0.01);
     }
+    host.observe(&[swap(false)]);
+    assert_eq!(
+        host.progress.last(),
+        Some(&SwapProgress::Refused(SwapRefusal::Busy))
+    );
+    for _ in 0..25 {
+        host.let_all_work();
+        host.pass(0.1);
+    }
+    assert_eq!(host.progress.last(), Some(&SwapProgress::Done));
     assert_eq!(host.signals, [Action::Terminate { process: 0 }]);
-    assert_eq!((host.commits, host.spawns.len()), (1, 2));
+    assert_eq!((host.commits, host.taken_back, host.spawns.len()), (1, 0, 2));
     assert!(
         matches!(host.children[0], Child::Alive(2, _)),
         "{:?}",
         host.children
     );
     assert_eq!(control(&host).active, 2);
+}
+
+#[test]
+fn without_a_shadow_a_new_program_that_fails_soon_gives_way_to_the_former_one() {
+    let alone = ProcessRules {
+        has_shadow: false,
+        ..rules("a")
+    };
+    // It cannot start; it ends in its loop; it never reaches it.
+    for (works, dies) in [(false, true), (true, true), (false, false)] {
+        let mut host = SimulatedHost::running(vec![alone.clone()]);
+        host.observe(&[Observation::SwapRequested {
+            process: 0,
+            cycles: 50,
+            dry_run: false,
+        }]);
+        if works {
+            host.let_all_work();
+        }
+        if dies {
+            host.pass(0.1);
+            host.die(0, Exit::Code(78));
+        }
+        for _ in 0..200 {
+            host.pass(0.01);
+            if host.taken_back == 1 {
+                host.let_all_work();
+            }
+        }
+        let why = if dies { Exit::Code(78) } else { Exit::Signal(9) };
+        assert_eq!(
+            host.progress,
+            [
+                SwapProgress::Replaced,
+                SwapProgress::RolledBack(SwapRefusal::Ended(why))
+            ]
+        );
+        assert_eq!((host.commits, host.taken_back), (1, 1));
+        assert!(host.events.contains(&events::SWAP_ROLLED_BACK.id));
+        assert!(
+            matches!(host.children[0], Child::Alive(3, _)),
+            "{:?}",
+            host.children
+        );
+    }
+}
+
+/// Swaps process 0 while process 1 lacks what it needs for `lack_s` after the switch.
+fn swapped_with_a_lack_of(lack_s: f64) -> SimulatedHost {
+    let mut host = in_probation_beside(20, vec![rules("a"), rules("b")]);
+    let mut cycles = 100;
+    let mut lacking_s = 0.0;
+    while !host.progress.last().is_some_and(SwapProgress::is_last) && cycles < 400 {
+        cycles += 1;
+        let owns = host.progress.last() == Some(&SwapProgress::Switched);
+        let lacks = owns && lacking_s < lack_s;
+        lacking_s += if lacks { 0.05 } else { 0.0 };
+        let state = if lacks {
+            ServiceState::Degraded
+        } else {
+            ServiceState::Active
+        };
+        host.children[1] = Child::Alive(1, Some(state));
+        pass_both(&mut host, 0.05, cycles, 0);
+    }
+    host
+}
+
+#[test]
+fn a_candidate_whose_outputs_others_cannot_use_gives_the_place_back() {
+    let host = swapped_with_a_lack_of(10.0);
+    assert_eq!(
+        host.progress.last(),
+        Some(&SwapProgress::RolledBack(SwapRefusal::Lacking(Name::new("b"))))
+    );
+    assert_eq!((host.commits, host.taken_back), (0, 0));
+    assert_eq!(host.signals, [Action::Kill { process: 0 }]);
+    assert!(host.events.contains(&events::SWAP_ROLLED_BACK.id));
+    assert!(
+        matches!(host.children[0], Child::Alive(1, _)),
+        "{:?}",
+        host.children
+    );
+    assert_eq!(host.shadows[0], Child::None);
+    let entry = control(&host);
+    assert_eq!((entry.active, entry.next), (1, 0));
+    assert!(entry.epoch > 2, "{entry:?}");
+}
+
+#[test]
+fn a_lack_of_a_moment_at_the_switch_rolls_nothing_back() {
+    let host = swapped_with_a_lack_of(0.3);
+    assert_eq!(host.progress.last(), Some(&SwapProgress::Done));
+    assert_eq!((host.commits, host.signals.len()), (1, 0));
 }
 
 #[test]
