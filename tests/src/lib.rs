@@ -19,3 +19,5 @@ pub mod proposer;
 mod remote;
 pub mod station;
 pub mod suite;
+
+pub use jink_testkit::not_tested;

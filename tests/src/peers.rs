@@ -9,6 +9,7 @@
 // A harness for tests: without its programs there is nothing to test.
 #![allow(clippy::expect_used, clippy::panic)]
 
+use crate::not_tested;
 use crate::ports::free_udp_ports;
 use crate::processes::{System, TempFolder, answer, programs, workspace};
 use serde_json::{Value, json};
@@ -111,9 +112,7 @@ pub fn python(kit: &Kit) -> Result<PathBuf, String> {
 
 /// The Python of `kit`; `None`, and said on standard error, where it cannot be had.
 pub fn python_or_say(kit: &Kit) -> Option<PathBuf> {
-    python(kit)
-        .inspect_err(|missing| eprintln!("NOT TESTED: {missing}"))
-        .ok()
+    python(kit).inspect_err(|missing| not_tested(missing)).ok()
 }
 
 /// A ground station made of pymavlink: `tests/peers/station.py`.

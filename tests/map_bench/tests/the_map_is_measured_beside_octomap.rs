@@ -59,7 +59,7 @@ fn assert_measured(report: &Value) {
 /// Where there is no OctoMap, nothing can be compared.
 fn has_octomap(report: &Value) -> bool {
     if let Some(why) = report["octomap_missing"].as_str() {
-        println!("NOT TESTED: {why}");
+        jink_testkit::not_tested(why);
         return false;
     }
     true
@@ -102,7 +102,7 @@ fn a_recording_of_a_real_ouster_is_measured() {
         .iter()
         .find(|data| data.join("ouster_os1_128.pcap").is_file())
     else {
-        println!("NOT TESTED: there is no ../shared/data/ouster_os1_128.pcap");
+        jink_testkit::not_tested("there is no ../shared/data/ouster_os1_128.pcap");
         return;
     };
     let path = |name: &str| data.join(name).to_str().unwrap().to_owned();

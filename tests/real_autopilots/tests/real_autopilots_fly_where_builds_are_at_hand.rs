@@ -12,7 +12,7 @@ fn a_plain_mission_and_a_go_to_are_flown_on_every_build_at_hand() {
     let mut flights = planned(&["plain$".to_owned(), "/go_to$".to_owned()]);
     for setup in Setup::ALL {
         if let Err(why) = runner::is_flown(setup, &found) {
-            println!("NOT TESTED: {setup}: {why} in {}", builds::file().display());
+            jink_testkit::not_tested(&format!("{setup}: {why} in {}", builds::file().display()));
             flights.retain(|flight| flight.setup != setup);
         }
     }

@@ -147,9 +147,9 @@ impl VideoDevice {
                 session: Some(session),
             }),
             Err(error) => {
-                eprintln!(
-                    "NOT TESTED: no device file can be made of FUSE (/dev/fuse, and root or fusermount3): {error}"
-                );
+                crate::not_tested(&format!(
+                    "no device file can be made of FUSE (/dev/fuse, and root or fusermount3): {error}"
+                ));
                 let _ = std::fs::remove_dir(&folder);
                 None
             }

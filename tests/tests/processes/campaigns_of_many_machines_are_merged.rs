@@ -1,12 +1,13 @@
 //! What campaigns on many machines need beside jink-campaign: the programs that merge and distribute test themselves, without Ray.
 
+use jink_tests::not_tested;
 use jink_tests::processes::{answer, workspace};
 use std::process::Command;
 
 #[test]
 fn programs_that_merge_and_distribute_flights_pass_their_own_tests() {
     if Command::new("python3").arg("--version").output().is_err() {
-        eprintln!("NOT TESTED: no python3");
+        not_tested("no python3");
         return;
     }
     for program in ["merge_flights.py", "campaign_on_ray.py"] {

@@ -212,10 +212,7 @@ fn a_depth_camera_in_cpp_is_seen_in_the_map() {
 fn an_ouster_read_by_its_own_sdk_is_seen_in_the_map() {
     let recording = workspace().join("../shared/data/ouster_os1_128.pcap");
     if !recording.exists() {
-        eprintln!(
-            "NOT TESTED: the recording of an Ouster is absent: {}",
-            recording.display()
-        );
+        jink_tests::not_tested("there is no ../shared/data/ouster_os1_128.pcap");
         return;
     }
     let Some((_folder, program)) = python_program("clouds_ouster", &OUSTER, "own_ouster.py") else {

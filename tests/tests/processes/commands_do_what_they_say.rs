@@ -283,7 +283,7 @@ fn instances_are_listed_and_what_ended_ones_left_is_removed() {
 #[test]
 fn another_user_reads_at_once_whose_it_is() {
     if !rustix::process::geteuid().is_root() {
-        eprintln!("NOT TESTED: only root can become another user");
+        jink_tests::not_tested("only root can become another user");
         return;
     }
     let jink = simulated("user", &[]);
@@ -296,7 +296,7 @@ fn another_user_reads_at_once_whose_it_is() {
         let mut command = jink.command(arguments);
         command.uid(NOBODY).gid(NOBODY);
         let Ok(reported) = command.output() else {
-            eprintln!("NOT TESTED: another user may not run the programs of this folder");
+            jink_tests::not_tested("another user may not run the programs of this folder");
             return;
         };
         let said = String::from_utf8_lossy(&reported.stderr).into_owned();

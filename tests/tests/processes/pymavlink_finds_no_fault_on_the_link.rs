@@ -71,7 +71,7 @@ fn listen(output: &str, waypoints: &[&str], tlog: Option<&str>) -> Option<(Value
     let python = match python_with_pymavlink() {
         Ok(python) => python,
         Err(missing) => {
-            eprintln!("NOT TESTED: {missing}");
+            jink_tests::not_tested(&missing);
             return None;
         }
     };

@@ -40,7 +40,7 @@ fn in_both_directions() {
     let python = match python_with_pymavlink() {
         Ok(python) => python,
         Err(missing) => {
-            eprintln!("NOT TESTED: {missing}");
+            jink_tests::not_tested(&missing);
             return;
         }
     };

@@ -21,7 +21,7 @@ fn printed(flag: &str) -> String {
 fn is_there(program: &str) -> bool {
     let is_there = Command::new(program).arg("--version").output().is_ok();
     if !is_there {
-        println!("NOT TESTED: there is no {program}");
+        jink_testkit::not_tested(&format!("there is no {program}"));
     }
     is_there
 }

@@ -273,7 +273,7 @@ fn shared(path: &str) -> Option<PathBuf> {
     let places = ["../../../shared", "../../../../shared"].map(|place| here.join(place).join(path));
     let found = places.into_iter().find(|place| place.is_file());
     if found.is_none() {
-        println!("NOT TESTED: there is no ../shared/{path}");
+        jink_testkit::not_tested(&format!("there is no ../shared/{path}"));
     }
     found
 }

@@ -80,7 +80,7 @@ fn a_priority_is_inherited_only_where_that_is_wanted() {
                 Some(rustix::io::Errno::PERM.raw_os_error()),
                 "{refused}"
             );
-            eprintln!("NOT TESTED: no right to SCHED_FIFO");
+            jink_testkit::not_tested("no right to SCHED_FIFO");
         }
     }
 }

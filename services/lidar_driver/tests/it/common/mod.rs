@@ -27,7 +27,7 @@ pub fn shared(path: &str) -> Option<PathBuf> {
     if found.is_file() {
         return Some(found);
     }
-    println!("NOT TESTED: there is no ../shared/{path}");
+    jink_testkit::not_tested(&format!("there is no ../shared/{path}"));
     None
 }
 
@@ -96,7 +96,9 @@ impl Oracle {
                 |output| String::from_utf8_lossy(&output.stderr).into_owned(),
             );
             if !works() {
-                println!("NOT TESTED: no Python with ouster-sdk and velodyne-decoder: {answer}");
+                jink_testkit::not_tested(&format!(
+                    "no Python with ouster-sdk and velodyne-decoder: {answer}"
+                ));
                 return None;
             }
         }
