@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod a_bad_candidate_never_gets_to_fly;
-
 mod a_killed_guard_leaves_the_pilot_safe;
 mod a_killed_service_is_not_felt;
 mod a_link_is_examined_before_the_flight;
@@ -18,6 +17,7 @@ mod a_serial_line_of_57600_carries_a_flight;
 mod a_service_that_is_gone_is_made_up_for;
 mod a_storm_of_questions_is_not_felt;
 mod a_swapped_gateway_leaves_no_gap_on_any_link;
+mod a_takeover_proves_who_it_is;
 mod bad_input_gets_one_clear_error;
 mod campaigns_of_many_machines_are_merged;
 mod clouds_of_other_programs_reach_the_map;
