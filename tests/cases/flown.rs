@@ -7,10 +7,13 @@ use jink_tests::processes::{System, answer};
 /// The port that is written in the programs of the cases.
 const WRITTEN: &str = "14540";
 
+/// How long a mission is flown (s): on a busy machine it takes its time.
+const SECONDS: &str = "50";
+
 /// Flies a mission of the folder; what was said meanwhile, the figures on the last line. `None` where that is impossible.
 pub fn mission(file: &str, options: &[&str]) -> Option<String> {
     let (role, _) = file.split_once('.')?;
-    let mut arguments = vec![file];
+    let mut arguments = vec![file, "--seconds", SECONDS];
     arguments.extend(options);
     // The name of an instance has room for some letters only.
     let role: String = role.chars().filter(|c| *c != '_').take(8).collect();

@@ -53,8 +53,7 @@ fn case_3_a_jump_to_home_is_never_flown_and_the_pilot_is_told() {
 
 #[test]
 fn case_4_a_return_ends_where_home_is_now() {
-    let moved = ["--home-moves", "0,15", "--seconds", "24"];
-    let Some(flight) = flown::mission("return.waypoints", &moved) else {
+    let Some(flight) = flown::mission("return.waypoints", &["--home-moves", "0,15"]) else {
         return;
     };
     assert!(figure(&flight, "mean speed while it moved ") > 0.3, "{flight}");
