@@ -35,10 +35,11 @@ const END_M: f64 = 3.0;
 /// What was given back is flown near its place: farther than this beside or above it (m) it strays. A vehicle that lands drifts
 /// some decimetres in wind.
 const STRAY_M: f64 = 1.5;
-/// The same for a vehicle that moves away faster than this (m/s) ...
+/// The same for a vehicle that moves faster than this (m/s) ...
 const STRAY_MPS: f64 = 1.0;
-/// ... for so long (s): one wrong velocity is none.
+/// ... for so long (s), and so far away meanwhile (m): one wrong velocity is none, and on the way to its place it may.
 const STRAY_S: f64 = 0.2;
+const AWAY_M: f64 = 0.1;
 
 /// Where the autopilot flies on its own what was given back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,10 +47,8 @@ pub struct FlownAlone {
     place: Vector3<f64>,
     /// Where it began; `None` not yet.
     began: Option<Vector3<f64>>,
-    /// Distance to the place at the last step (m).
-    beside_m: f64,
-    /// It has moved away fast since then.
-    fast_since: Option<Timestamp>,
+    /// It has moved fast since then, from this distance to the place (m).
+    fast_since: Option<(Timestamp, f64)>,
 }
 
 impl FlownAlone {
@@ -57,7 +56,6 @@ impl FlownAlone {
         Self {
             place,
             began: None,
-            beside_m: f64::INFINITY,
             fast_since: None,
         }
     }
@@ -66,14 +64,13 @@ impl FlownAlone {
     fn strays_m(&mut self, now: Timestamp, position: Vector3<f64>, level_mps: f64) -> Option<f64> {
         let began = *self.began.get_or_insert(position);
         let beside_m = (position - self.place).xy().norm();
-        // Between two reports of the autopilot's the vehicle seems to stand.
-        let is_fast = level_mps > STRAY_MPS && beside_m >= self.beside_m;
-        self.beside_m = beside_m;
-        let since = is_fast.then(|| self.fast_since.unwrap_or(now));
-        self.fast_since = since;
+        let is_fast = level_mps > STRAY_MPS;
+        self.fast_since = is_fast.then(|| self.fast_since.unwrap_or((now, beside_m)));
         let is_beside = beside_m > (began - self.place).xy().norm() + STRAY_M;
         let is_above = position.z < began.z.min(self.place.z) - STRAY_M;
-        let runs = since.is_some_and(|since| now.seconds_since(since) >= STRAY_S);
+        let runs = self
+            .fast_since
+            .is_some_and(|(since, from_m)| now.seconds_since(since) >= STRAY_S && beside_m > from_m + AWAY_M);
         (is_beside || is_above || runs).then_some(beside_m)
     }
 }

@@ -176,5 +176,7 @@ impl Executive {
         self.index = record.index.map(usize::from);
         self.course = record.course;
         self.was_armed = record.armed;
+        // The gateway before has told it.
+        (self.is_told, self.was_taken) = (true, true);
     }
 }

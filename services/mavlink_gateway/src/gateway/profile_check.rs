@@ -140,7 +140,7 @@ impl Gateway {
         if !self.profile_check.is_chosen
             && let MatchingProfile::Profile(profile) = self.profile_check.fit.matching_profile()
         {
-            self.choose(profile);
+            self.choose(now, profile);
             outputs.report(EventSample::new(&PROFILE_CHOSEN, profile.name(), [0.0; 2]));
         }
         self.profile_check.judge(self.config.profile);
@@ -158,7 +158,7 @@ impl Gateway {
     }
 
     /// From now on, and for the whole run.
-    fn choose(&mut self, profile: ProfileName) {
+    fn choose(&mut self, now: Timestamp, profile: ProfileName) {
         self.profile_check.is_chosen = true;
         self.config.profile = profile;
         self.config.setpoint_rate_hz = profile.rate_hz(self.params().get(&GW_RATE));
@@ -166,6 +166,10 @@ impl Gateway {
         self.mission = profile
             .reads_the_mission()
             .then(|| MissionFlight::new(Part::of(&self.config)));
+        // The autopilot is already there: what will not be flown is told before the flight.
+        if let Some(flight) = &mut self.mission {
+            flight.read_anew(now);
+        }
         self.streams = self.needed_streams();
         self.setpoints = Ticker::new(self.config.setpoint_rate_hz);
     }

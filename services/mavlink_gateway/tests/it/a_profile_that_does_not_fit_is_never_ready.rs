@@ -50,6 +50,7 @@ struct Seen {
     texts: Vec<String>,
     setpoints: usize,
     modes: usize,
+    mission_requests: usize,
     fit: ProfileFit,
     profile: String,
 }
@@ -70,6 +71,7 @@ fn play(bench: &mut Bench, firmware: Firmware, seconds: f64) -> Seen {
         texts: Vec::new(),
         setpoints: 0,
         modes: 0,
+        mission_requests: 0,
         fit: ProfileFit::Unknown,
         profile: String::new(),
     };
@@ -114,6 +116,7 @@ fn play(bench: &mut Bench, firmware: Firmware, seconds: f64) -> Seen {
                         bench.receive(answer);
                     }
                 }
+                MavMessage::MISSION_REQUEST_LIST(_) => seen.mission_requests += 1,
                 message if is_setpoint(message.message_id()) => seen.setpoints += 1,
                 _ => {}
             }
@@ -237,6 +240,7 @@ fn the_right_profile_is_chosen_and_reported() {
         );
         assert!(seen.states.contains(&MavState::MAV_STATE_ACTIVE));
         assert_eq!(bench.gateway.proven_profile(), Some(right));
+        assert_eq!(seen.mission_requests > 0, right.reads_the_mission(), "{right:?}");
     }
 }
 

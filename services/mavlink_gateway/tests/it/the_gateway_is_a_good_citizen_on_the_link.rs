@@ -5,10 +5,12 @@ use jink_ground_services::computer::BoardReading;
 use jink_mavlink_gateway::{
     COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Destination, GatewayConfig, Receipt,
 };
+use jink_mavlink_link::profile_name::ProfileName;
 use jink_mavlink_link::router::LinkSet;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
 use jink_shared_types::link::AvoidanceState;
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::ring::SectorRing;
 use mavlink::dialect::*;
 use mavlink::{Message, MessageData};
@@ -186,7 +188,13 @@ fn every_command_to_us_gets_exactly_one_answer() {
 /// A station on a link of jink's own asks the autopilot for another speed.
 #[test]
 fn a_speed_that_the_autopilot_is_asked_for_is_heard_and_told() {
-    let mut bench = acquainted();
+    let mut bench = Bench::with(GatewayConfig::from_params(
+        &ParamSet::default(),
+        ProfileName::Px4Offboard,
+    ));
+    bench.receive_heartbeat(MODE_HOLD, false);
+    bench.step();
+    bench.sent.clear();
     for (system, told) in [(7, 0), (SYSTEM, 1)] {
         bench.receive_from(
             255,
