@@ -64,6 +64,11 @@ const NAMES: [(&str, Pairing); 5] = [
 pub const FOLLOWERS: [Pairing; 3] = [PX4_CURRENT, PX4_2021_OFFBOARD, COPTER];
 
 impl Pairing {
+    /// The short names.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        NAMES.iter().map(|(short, _)| *short)
+    }
+
     /// By its short name; `None` for one that means nothing.
     pub fn named(name: &str) -> Option<Self> {
         let mut all = NAMES.into_iter();

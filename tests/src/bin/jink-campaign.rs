@@ -3,6 +3,7 @@
 use clap::Parser;
 use jink_control::arguments;
 use jink_shared_types::params::OA_SPD_MAX;
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_simulated_world::world::{MAX_DENSITY_PER_M2, WorldKind};
 use jink_tests::campaign::variation::Variations;
 use jink_tests::campaign::{
@@ -60,7 +61,7 @@ struct Arguments {
     #[arg(long, value_enum, default_value_t)]
     station: StationColumn,
     /// Seeds FIRST..LAST, both included
-    #[arg(long, default_value = "1..20", value_parser = seeds)]
+    #[arg(long, default_value = "1..20", allow_hyphen_values = true, value_parser = seeds)]
     seeds: (u64, u64),
     /// Flights at a time
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -101,7 +102,11 @@ fn density(text: &str) -> Result<f64, String> {
 }
 
 fn pairing(text: &str) -> Result<Pairing, String> {
-    Pairing::named(text).ok_or_else(|| format!("no profile {text:?}"))
+    Pairing::named(text).ok_or_else(|| {
+        let names: Vec<&str> = Pairing::names().collect();
+        let near = DidYouMean(nearest(text, Pairing::names()));
+        format!("there are {}{near}", names.join(", "))
+    })
 }
 
 fn seeds(text: &str) -> Result<(u64, u64), String> {
