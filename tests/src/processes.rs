@@ -159,17 +159,25 @@ impl Handle {
         killed.unwrap_or_default()
     }
 
-    /// The ground truth as text; empty before there is one.
-    pub fn truth(&self) -> String {
-        self.jink(&["topic", "echo", "sim/truth", "--count", "1", "--timeout", "2"])
-            .stdout
+    /// The ground truth; `null` before there is one.
+    pub fn truth(&self) -> Value {
+        let echo = [
+            "topic",
+            "echo",
+            "sim/truth",
+            "--json",
+            "--count",
+            "1",
+            "--timeout",
+            "2",
+        ];
+        let said: Value = serde_json::from_str(&self.jink(&echo).stdout).unwrap_or_default();
+        said["sample"].clone()
     }
 
     /// One number of the ground truth; `None` before there is one.
     pub fn truth_number(&self, field: &str) -> Option<f64> {
-        let truth = self.truth();
-        let (_, rest) = truth.split_once(&format!(" {field}: "))?;
-        rest.split(',').next()?.parse().ok()
+        self.truth()[field].as_f64()
     }
 
     /// How far the vehicle has flown (m).
@@ -182,7 +190,7 @@ impl Handle {
     /// # Panics
     /// If that never happens.
     pub fn until_it_flies(&self) {
-        until("the mission", || self.truth().contains("mode: Mission"));
+        until("the mission", || self.truth()["mode"] == "mission");
     }
 
     /// Waits until the vehicle stands still.

@@ -94,14 +94,14 @@ fn its_clouds_arrive_and_silence_is_reported_and_survived() {
             .collect::<Vec<_>>()
             .join(" ")
     };
-    until("a cloud", || cloud().contains("range 0.5..60 m"));
+    until("a cloud", || cloud().contains("range_max_m: 60.000"));
     let before = jink.service("top");
     assert!(before["pid"].as_u64().is_some_and(|pid| pid > 0), "{before:#}");
     drop(puck);
     until("the loss", || log(role, "top").contains("jink: lidar top lost"));
     let _again = Puck::switch_on(port, 5.0);
     until("the return", || log(role, "top").contains("jink: lidar top back"));
-    until("a cloud again", || cloud().contains("range 0.5..60 m"));
+    until("a cloud again", || cloud().contains("range_max_m: 60.000"));
     let after = jink.service("top");
     assert_eq!(
         (&after["pid"], &after["restarts"]),
