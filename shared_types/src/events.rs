@@ -215,6 +215,8 @@ events! {
     SENSORS_UNFIT = 87, Warning, "jink: cannot plan: nobody sees {name}", "jink check sensors says what would help.";
     /// The vehicle is armed, and part of the free space rests on a declaration of the user; the name says on which.
     DECLARED = 88, Notice, "jink: declared: {name}", "Make sure that it holds where the vehicle flies.";
+    /// The clock of a sensor or of the autopilot was set: what it dates is dated anew from now on.
+    CLOCK_STEPPED = 89, Notice, "jink: clock of {name} stepped by {0} s", "None if it happens once; look at what sets it: PTP, GPS.";
     /// A depth camera is unplugged, sends nothing, or sends the same image again and again.
     DEPTH_CAMERA_LOST = 90, Warning, "jink: depth camera {name} lost", "Land soon; look at its plug and its power.";
     /// It measures again.

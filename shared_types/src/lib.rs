@@ -14,7 +14,7 @@
 //! | [`mod@quantile`] | quantiles of measurements |
 //! | [`suggestion`] | the name that a mistyped one stands for |
 //! | [`orientation`] | how sensors are mounted, as configurations say it |
-//! | [`frames`], [`clock`], [`coded`] | units and frames, time, enums on the wire |
+//! | [`frames`], [`clock`], [`source_clock`], [`coded`] | units and frames, time, enums on the wire |
 //! | [`layout`], [`shape`], [`reserved`], [`hash`] | what a sample is made of, its layout hash, room for later fields |
 //!
 //! Units stand in field names (`_m`, `_mps`, `_rad`, `_ns`); frames stand in types
@@ -50,6 +50,7 @@ pub mod reserved;
 pub mod ring;
 pub mod sample;
 pub mod shape;
+pub mod source_clock;
 pub mod suggestion;
 pub mod topics;
 pub mod tracking;

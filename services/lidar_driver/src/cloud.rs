@@ -11,13 +11,13 @@
 //! have more, of every two neighbouring columns the nearer answer of each row counts.
 
 use crate::config::{CloudSpec, NoReturn, Returns};
-use crate::decode::Ray;
+use crate::decode::{OVERTAKEN_US, Ray};
 use jink_shared_types::ranges::{CLOUD_POINTS, CloudPoint, PointCloud, RayKind};
 use jink_shared_types::{Coded, Reserved, SampleHeader, Timestamp};
 use nalgebra::{Matrix3, Vector3};
 
 /// Points may come before the first one that was received, when packets overtake each other: by less than this (ns).
-const EARLY_NS: u64 = 20_000_000;
+const EARLY_NS: u64 = OVERTAKEN_US.unsigned_abs() * 1_000;
 /// Unit of the time offset of a point (ns).
 const UNIT_NS: u64 = 10_000;
 const EARLY_UNITS: u16 = (EARLY_NS / UNIT_NS) as u16;

@@ -102,6 +102,9 @@ impl fmt::Display for Fault {
     }
 }
 
+/// Packets overtake each other by less than this (us). What is older by its stamp was sent after the sensor's clock was set.
+pub(crate) const OVERTAKEN_US: i64 = 20_000;
+
 /// A decoder of one model.
 pub trait Decode {
     /// Takes the payload of one datagram and passes on what it holds.

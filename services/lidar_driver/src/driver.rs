@@ -1,12 +1,11 @@
 //! The step of a network lidar: received datagrams become point clouds, silence becomes a change to report.
 //!
-//! **Time.** A datagram arrives when its last measurement is over, or later. [`ClockFilter`] maps the sensor's own
-//! stamps to the board's clock through the least delayed datagrams, and every point has its own time.
+//! **Time.** A datagram arrives when its last measurement is over, or later. [`SourceClock`] maps the sensor's own
+//! stamps to the board's clock through the least delayed datagram of the last second, and every point has its own time.
 //!
 //! **Senders.** Without `sensor_address` the first sender whose datagram is sound is the sensor, until it has been
 //! silent for a second.
 
-use crate::clock_filter::ClockFilter;
 use crate::cloud::CloudAssembler;
 use crate::config::LidarSpec;
 use crate::counters::{LOSS_S, LidarCounters};
@@ -14,6 +13,7 @@ use crate::decode::{Decode, Fault, Item};
 use crate::decoder::Decoder;
 use jink_runtime::device::{DeviceChange, Rate, SilenceMonitor};
 use jink_shared_types::Timestamp;
+use jink_shared_types::source_clock::SourceClock;
 use std::net::IpAddr;
 
 /// A scan ends when nothing has come for this time (s): twenty times as long as between packets of any model, and short
@@ -29,7 +29,9 @@ const SENDER_S: f64 = 1.0;
 pub struct NetworkLidarDriver {
     spec: LidarSpec,
     decoder: Option<Decoder>,
-    clock: ClockFilter,
+    clock: SourceClock,
+    /// By how much the sensor's clock was set ahead (s), until that is reported.
+    clock_step_s: Option<f64>,
     cloud: CloudAssembler,
     counters: LidarCounters,
     silence: SilenceMonitor,
@@ -46,7 +48,8 @@ impl NetworkLidarDriver {
     pub fn new(spec: LidarSpec, decoder: Option<Decoder>) -> Self {
         let mut driver = Self {
             decoder: None,
-            clock: ClockFilter::default(),
+            clock: SourceClock::default(),
+            clock_step_s: None,
             cloud: CloudAssembler::new(spec.cloud.clone(), None),
             counters: LidarCounters::default(),
             silence: SilenceMonitor::new(LOSS_S),
@@ -85,7 +88,7 @@ impl NetworkLidarDriver {
 
     /// The source was opened anew: the mapping of the sensor's clock, and the unfinished scan, are dropped.
     pub fn connected(&mut self) {
-        self.clock = ClockFilter::default();
+        self.clock = SourceClock::default();
         self.cloud.clear();
         if let Some(decoder) = &mut self.decoder {
             decoder.finish(&mut |_| {});
@@ -112,6 +115,7 @@ impl NetworkLidarDriver {
         }
         let Self {
             clock,
+            clock_step_s,
             cloud,
             counters,
             ..
@@ -119,7 +123,9 @@ impl NetworkLidarDriver {
         let decoded = decoder.packet(bytes, &mut |item| match item {
             Item::ScanEnds { lost } => end(cloud, counters, lost, publish),
             Item::Packet { first_ns, last_ns } => {
-                clock.packet(last_ns, arrived);
+                if let Some(step) = clock.observe(last_ns, arrived) {
+                    *clock_step_s = Some(step.ahead_s);
+                }
                 cloud.packet(clock.map(first_ns), clock.map(last_ns));
             }
             Item::Ray(ray) => cloud.ray(clock.map(ray.stamp_ns), &ray),
@@ -184,6 +190,11 @@ impl NetworkLidarDriver {
     /// Whether the sensor has fallen silent, or measures again; once per change.
     pub fn take_change(&mut self, now: Timestamp) -> Option<DeviceChange> {
         self.silence.take_change(now)
+    }
+
+    /// By how much the sensor's clock was set ahead (s); once per step.
+    pub fn take_clock_step(&mut self) -> Option<f64> {
+        self.clock_step_s.take()
     }
 
     /// What has become of its packets, with the rate since the last look.

@@ -13,7 +13,6 @@
 //! | [`models`] | the models: connection, range, rate |
 //! | [`decode`], [`decoder`] | packets to rays on the sensor's clock, and what can be wrong with them |
 //! | [`ouster`], [`velodyne`], [`livox`] | one format each |
-//! | [`clock_filter`] | the sensor's clock on the board's |
 //! | [`cloud`] | rays of one scan -> a point cloud |
 //! | [`driver`] | all of that together: the step of a network lidar |
 //! | [`scanner`] | the same of a serial scanner |
@@ -22,7 +21,6 @@
 //! | [`dump`] | the returns in a recording as a table |
 
 pub mod capture;
-pub mod clock_filter;
 pub mod cloud;
 pub mod config;
 pub mod counters;

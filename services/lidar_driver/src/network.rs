@@ -123,6 +123,11 @@ impl NetworkLidar {
         self.driver.take_change(now)
     }
 
+    /// By how much the sensor's clock was set ahead (s); once per step.
+    pub fn take_clock_step(&mut self) -> Option<f64> {
+        self.driver.take_clock_step()
+    }
+
     /// What has become of its packets.
     pub fn counters(&mut self, now: Timestamp) -> LidarCounters {
         self.driver.counters(now)

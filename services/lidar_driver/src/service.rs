@@ -152,6 +152,13 @@ impl Driver for LidarService {
         }
     }
 
+    fn take_clock_step(&mut self) -> Option<f64> {
+        match self {
+            Self::Network { lidar, .. } => lidar.take_clock_step(),
+            Self::Serial { .. } => None,
+        }
+    }
+
     fn report(&mut self, now: Timestamp) {
         let counters = match self {
             Self::Network { lidar, .. } => lidar.counters(now),

@@ -19,7 +19,7 @@
 //! **What can be detected.** There is no checksum and no number: marks, azimuths and stamps that do not follow each
 //! other are. A range of zero is no return.
 
-use crate::decode::{Decode, Echo, Fault, Item, Ray, bytes_at, u16_at, u32_at};
+use crate::decode::{Decode, Echo, Fault, Item, OVERTAKEN_US, Ray, bytes_at, u16_at, u32_at};
 
 /// Elevation (deg) and vertical correction (mm) of the sixteen lasers, in the order in which they fire.
 pub type Lasers = [[f64; 2]; LASERS];
@@ -84,8 +84,10 @@ const TURN_CDEG: u32 = 36_000;
 /// Time of one laser and of all sixteen (ns).
 const LASER_NS: f64 = 2_304.0;
 const FIRING_NS: f64 = 55_296.0;
-/// Full scale of the stamp (us), and the longest step forwards that counts as one: half of it is a step backwards.
-const HOUR_US: u32 = 3_600_000_000;
+/// Full scale of the stamp (us).
+const HOUR_US: i64 = 3_600_000_000;
+/// Where the clock without hours begins (ns): so far from zero that no step of the sensor's clock leads there.
+const BEGIN_NS: u64 = 1 << 60;
 /// Fastest and slowest turn (0.01 deg per block of two firings): 20 Hz and some, to standing still.
 const STEP_CDEG: std::ops::RangeInclusive<u32> = 0..=120;
 
@@ -144,7 +146,7 @@ impl Velodyne {
         let stamp_us = u32_at(bytes, STAMP_AT);
         let marked = (0..BLOCKS)
             .all(|block| bytes_at::<2>(bytes, block * BLOCK_BYTES) == MARK && azimuth(block) < TURN_CDEG);
-        if !marked || stamp_us >= HOUR_US {
+        if !marked || i64::from(stamp_us) >= HOUR_US {
             return Err(Fault::Damaged);
         }
         let step = |block: usize| (azimuth(block) + TURN_CDEG - azimuth(block - 1)) % TURN_CDEG;
@@ -164,30 +166,40 @@ impl Velodyne {
         Ok(f64::from(turned) / firings as f64)
     }
 
-    /// The stamp on a clock that does not begin anew every hour.
-    fn unwrapped_ns(&mut self, stamp_us: u32, packet_ns: f64) -> Result<u64, Fault> {
+    /// The stamp on a clock that does not begin anew every hour. `follows`: by its azimuth it is the packet after the last
+    /// one, whatever its stamp says.
+    fn unwrapped_ns(&mut self, stamp_us: u32, packet_ns: f64, follows: bool) -> Result<u64, Fault> {
         let Some((last_us, last_ns)) = self.last else {
-            // An hour ahead: a packet that is late may be earlier.
-            let ns = u64::from(HOUR_US) * 1_000 + u64::from(stamp_us) * 1_000;
-            self.last = Some((stamp_us, ns));
-            return Ok(ns);
+            self.last = Some((stamp_us, BEGIN_NS));
+            return Ok(BEGIN_NS);
         };
+        // The shorter way around the hour.
         let ahead_us =
-            ((u64::from(stamp_us) + u64::from(HOUR_US) - u64::from(last_us)) % u64::from(HOUR_US)) as u32;
+            (i64::from(stamp_us) - i64::from(last_us) + HOUR_US / 2).rem_euclid(HOUR_US) - HOUR_US / 2;
         if ahead_us == 0 {
             return Err(Fault::Doubled);
         }
-        if ahead_us > HOUR_US - 1_000_000 {
+        if (-OVERTAKEN_US..0).contains(&ahead_us) {
             return Err(Fault::Late);
         }
-        let missing = f64::from(ahead_us) * 1e3 / packet_ns - 1.0;
-        self.lost = self
-            .lost
-            .saturating_add(missing.round().clamp(0.0, 10_000.0) as u32);
-        // A step of half an hour is a clock that was set; the mapping of stamps handles that.
-        let ns = last_ns.saturating_add(u64::from(ahead_us) * 1_000);
+        // A longer step backwards is a clock that was set; the mapping of stamps handles that.
+        if !follows {
+            let missing = ahead_us.max(0) as f64 * 1e3 / packet_ns - 1.0;
+            let missing = missing.round().clamp(0.0, 10_000.0) as u32;
+            self.lost = self.lost.saturating_add(missing);
+        }
+        let ns = last_ns.saturating_add_signed(ahead_us * 1_000);
         self.last = Some((stamp_us, ns));
         Ok(ns)
+    }
+
+    /// Whether the firing at `azimuth_cdeg` is the one after the last, but for half a packet of `firings`.
+    fn follows(&self, azimuth_cdeg: f64, step_cdeg: f64, firings: usize) -> bool {
+        let turn = f64::from(TURN_CDEG);
+        self.azimuth.is_some_and(|before| {
+            let ahead = (azimuth_cdeg - before - step_cdeg + turn / 2.0).rem_euclid(turn) - turn / 2.0;
+            ahead.abs() < 0.5 * step_cdeg * firings as f64
+        })
     }
 
     /// Begins the next firing, and the next scan where the azimuth passes zero.
@@ -242,7 +254,8 @@ impl Decode for Velodyne {
         let step_cdeg = self.check(bytes)?;
         let echoes = if bytes[MODE_AT] == DUAL { 2 } else { 1 };
         let pairs = BLOCKS / usize::from(echoes);
-        let base_ns = self.unwrapped_ns(u32_at(bytes, STAMP_AT), 2.0 * pairs as f64 * FIRING_NS)?;
+        let follows = self.follows(f64::from(u16_at(bytes, 2)), step_cdeg, 2 * pairs);
+        let base_ns = self.unwrapped_ns(u32_at(bytes, STAMP_AT), 2.0 * pairs as f64 * FIRING_NS, follows)?;
         let last_ns = base_ns + ((2 * pairs - 1) as f64 * FIRING_NS + (LASERS - 1) as f64 * LASER_NS) as u64;
         sink(Item::Packet {
             first_ns: base_ns,

@@ -427,6 +427,18 @@ impl VehicleTracker {
         AttitudeNews::Taken
     }
 
+    /// The autopilot's clock was set ahead by `ahead_s`: the last stamps are those of the clock as it is now, so that the next ones
+    /// are neither late nor far ahead.
+    pub fn clock_was_set(&mut self, ahead_s: f64) {
+        let on_this_clock = |boot_ms: u32| boot_ms.wrapping_add((ahead_s * 1e3) as i64 as u32);
+        for (boot_ms, _) in self.clock.last.iter_mut().flatten() {
+            *boot_ms = on_this_clock(*boot_ms);
+        }
+        if let Some(fix) = &mut self.fix {
+            fix.boot_ms = on_this_clock(fix.boot_ms);
+        }
+    }
+
     fn forget_motion(&mut self) {
         if self.fix.take().is_some() {
             self.resets = self.resets.wrapping_add(1);

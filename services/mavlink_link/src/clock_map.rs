@@ -16,10 +16,11 @@
 //! samples, the rates are taken as equal. Once none does, a line is fitted through the offsets, each weighted by the
 //! square of what it knows (1 / round trip), and stamps are mapped along that line.
 //!
-//! Until enough samples have come, a stamp is mapped through its reception: the smallest difference between reception
-//! and stamp belongs to the message that was delayed least, and that difference maps every other stamp.
+//! Until enough samples have come, a stamp is mapped through its reception ([`SourceClock`]). Where the stamps themselves
+//! show that the autopilot's clock was set, the samples before count no more.
 
 use jink_shared_types::Timestamp;
+use jink_shared_types::source_clock::SourceClock;
 
 /// Samples that are remembered: about six seconds at 10 Hz.
 const WINDOW: usize = 64;
@@ -45,9 +46,6 @@ const OUTLIERS_TO_RESET: u32 = 5;
 const LONGEST_RTT_NS: u64 = 1_000_000_000;
 /// Requests that can be under way.
 const PENDING: usize = 16;
-/// How fast the smallest reception delay is forgotten (ns per s): above the drift of two bad crystals, far below real
-/// delays.
-const DELAY_LEAK_NSPS: f64 = 200_000.0;
 /// No message is older than this when it arrives (s); a stamp that claims so is wrong.
 const OLDEST_S: f64 = 1.0;
 
@@ -87,7 +85,9 @@ pub struct ClockMap {
     good: u32,
     outliers: u32,
     estimate: Estimate,
-    delay: Option<(i64, Timestamp)>,
+    reception: SourceClock,
+    /// By how much the autopilot's clock was set ahead (s), until that is reported.
+    step_s: Option<f64>,
 }
 
 impl Default for ClockMap {
@@ -100,7 +100,8 @@ impl Default for ClockMap {
             good: 0,
             outliers: 0,
             estimate: Estimate::default(),
-            delay: None,
+            reception: SourceClock::default(),
+            step_s: None,
         }
     }
 }
@@ -156,17 +157,28 @@ impl ClockMap {
             if self.outliers < OUTLIERS_TO_RESET {
                 return;
             }
-            *self = Self {
-                pending: self.pending,
-                next_pending: self.next_pending,
-                accepts_foreign: self.accepts_foreign,
-                ..Self::default()
-            };
+            let ahead_ns = sample
+                .offset_ns
+                .saturating_sub(self.estimate.offset_ns(sample.at));
+            self.clock_was_set(ahead_ns as f64 * 1e-9);
         }
         self.outliers = 0;
         self.window[self.good as usize % WINDOW] = sample;
         self.good = self.good.saturating_add(1);
         self.estimate();
+    }
+
+    /// The samples before are of another clock, which differs by `ahead_s`.
+    fn clock_was_set(&mut self, ahead_s: f64) {
+        self.good = 0;
+        self.outliers = 0;
+        self.estimate = Estimate::default();
+        self.step_s = Some(ahead_s);
+    }
+
+    /// By how much the autopilot's clock was set ahead (s); once per step.
+    pub fn take_step(&mut self) -> Option<f64> {
+        self.step_s.take()
     }
 
     fn estimate(&mut self) {
@@ -225,8 +237,16 @@ impl ClockMap {
     /// `received`. Never later than `received`, never more than a second earlier.
     pub fn map_ms(&mut self, boot_ms: u32, received: Timestamp) -> Timestamp {
         const NS_PER_MS: i64 = 1_000_000;
+        // The counter as it would be if it did not wrap: nearest to the last stamp.
+        let unwrapped_ms = self.reception.last_ns().map_or(u64::from(boot_ms), |last_ns| {
+            let last_ms = last_ns / NS_PER_MS.unsigned_abs();
+            let ahead_ms = boot_ms.wrapping_sub(last_ms as u32) as i32;
+            last_ms.saturating_add_signed(i64::from(ahead_ms))
+        });
+        let stamp_ns = unwrapped_ms.saturating_mul(NS_PER_MS.unsigned_abs());
+        self.observe(stamp_ns, received);
         if !self.is_converged() {
-            return self.map_by_delay(i64::from(boot_ms) * NS_PER_MS, received);
+            return self.reception.map(stamp_ns);
         }
         let autopilot_ns = self.autopilot_ns(received).max(0);
         let whole_ms_behind = ((autopilot_ns / NS_PER_MS) as u32).wrapping_sub(boot_ms) as i32;
@@ -243,8 +263,9 @@ impl ClockMap {
         if boot_ns == 0 {
             return received;
         }
+        self.observe(boot_ns.unsigned_abs(), received);
         if !self.is_converged() {
-            return self.map_by_delay(boot_ns, received);
+            return self.reception.map(boot_ns.unsigned_abs());
         }
         let behind_ns = self.autopilot_ns(received).saturating_sub(boot_ns);
         bounded(received.plus_seconds(-(behind_ns as f64) * 1e-9), received)
@@ -256,20 +277,13 @@ impl ClockMap {
             .saturating_add(self.estimate.offset_ns(at))
     }
 
-    fn map_by_delay(&mut self, boot_ns: i64, received: Timestamp) -> Timestamp {
-        let seen_ns = i64::try_from(received.ns)
-            .unwrap_or(i64::MAX)
-            .saturating_sub(boot_ns);
-        let least_ns = match self.delay {
-            None => seen_ns,
-            Some((least_ns, since)) => {
-                let leak_ns = DELAY_LEAK_NSPS * received.seconds_since(since).max(0.0);
-                seen_ns.min(least_ns.saturating_add(leak_ns as i64))
-            }
-        };
-        self.delay = Some((least_ns, received));
-        let late_ns = seen_ns.saturating_sub(least_ns);
-        bounded(received.plus_seconds(-(late_ns as f64) * 1e-9), received)
+    /// Notes a stamp. Where stamps contradict each other, the clock was set; a delay that has changed shows nothing here, because
+    /// round trips tell it apart.
+    fn observe(&mut self, stamp_ns: u64, received: Timestamp) {
+        let step = self.reception.observe(stamp_ns, received);
+        if let Some(step) = step.filter(|step| step.is_certain) {
+            self.clock_was_set(step.ahead_s);
+        }
     }
 }
 
@@ -461,6 +475,37 @@ mod tests {
             exchange(&mut map, time(i), 500_000_000, 200, 200);
         }
         assert!(map.is_converged());
+    }
+
+    #[test]
+    fn stamps_show_a_clock_that_was_set_before_round_trips_do() {
+        for ahead_ms in [-900i64, -300, 700, 100_000] {
+            let mut map = ClockMap::default();
+            let mut boot_ms = 5_000_000i64;
+            for i in 0..200 {
+                exchange(&mut map, time(i), 1_000_000, 200, 200);
+                for _ in 0..5 {
+                    map.map_ms(boot_ms as u32, time(i).plus_seconds(0.01));
+                    boot_ms += 20;
+                }
+            }
+            assert!(map.is_converged() && map.take_step().is_none());
+            // Fifty messages a second from here on, and no round trip.
+            boot_ms += ahead_ms;
+            for i in 0..50 {
+                let received = time(200).plus_seconds(0.02 * f64::from(i));
+                let mapped = map.map_ms((boot_ms + 20 * i64::from(i)) as u32, received);
+                assert!(mapped <= received);
+                let behind_s = received.seconds_since(mapped);
+                assert!(
+                    i < 10 || behind_s < 0.05,
+                    "{ahead_ms} ms: {behind_s} s behind after {i} messages"
+                );
+            }
+            let told_s = map.take_step().unwrap();
+            assert!((told_s - ahead_ms as f64 * 1e-3).abs() < 0.1, "{told_s}");
+            assert!(map.take_step().is_none());
+        }
     }
 
     #[test]

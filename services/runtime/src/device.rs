@@ -8,7 +8,7 @@ use crate::ports::{ExclusiveOwnership, Ports};
 use crate::serial::{Port, Read};
 use crate::service::{Cycle, Service, WATCHED_FDS, Wake};
 use crate::setup::StartError;
-use jink_shared_types::events::{Event, EventSample};
+use jink_shared_types::events::{CLOCK_STEPPED, Event, EventSample};
 use jink_shared_types::{SampleHeader, Stage, Timestamp};
 use std::fmt;
 use std::os::fd::BorrowedFd;
@@ -63,6 +63,11 @@ pub trait Driver: Sized {
         EventSample::new(Self::EVENTS[change as usize], name, [0.0; 2])
     }
 
+    /// By how much the sensor's own clock was set ahead (s), where it dates what it sends; once per step.
+    fn take_clock_step(&mut self) -> Option<f64> {
+        None
+    }
+
     /// Writes the counters to the log.
     fn report(&mut self, now: Timestamp);
 
@@ -115,6 +120,10 @@ impl<D: Driver> Service for DriverService<D> {
         let due = self.driver.run(&self.clock, now);
         if let Some(change) = self.driver.take_change(now) {
             cycle.events.publish(now, &D::event(change, &self.name));
+        }
+        if let Some(ahead_s) = self.driver.take_clock_step() {
+            let event = EventSample::new(&CLOCK_STEPPED, &self.name, [ahead_s, 0.0]);
+            cycle.events.publish(now, &event);
         }
         if self.ownership.is_report_due(now) {
             self.driver.report(now);

@@ -25,7 +25,7 @@
 //! fit are.
 
 use super::{ScanSplitter, polar, spherical};
-use crate::decode::{Decode, Echo, Fault, Item, Ray, i32_at, u16_at, u32_at, u64_at};
+use crate::decode::{Decode, Echo, Fault, Item, OVERTAKEN_US, Ray, i32_at, u16_at, u32_at, u64_at};
 
 /// Head of a packet (bytes).
 pub const HEAD_BYTES: usize = 18;
@@ -38,7 +38,7 @@ const UTC: u8 = 3;
 const IMU_DATA: u8 = 6;
 /// Noise with high confidence, in one of the two lower fields of a tag.
 const NOISE: u8 = 1;
-/// A stamp that steps further than this (ns) belongs to another clock.
+/// A stamp that steps ahead further than this (ns) belongs to another clock.
 const STEP_NS: u64 = 1_000_000_000;
 
 /// One data type.
@@ -94,7 +94,7 @@ impl Livox1 {
         if first_ns == last_ns {
             return Err(Fault::Doubled);
         }
-        if first_ns < last_ns && last_ns - first_ns < STEP_NS {
+        if first_ns < last_ns && last_ns - first_ns < OVERTAKEN_US.unsigned_abs() * 1_000 {
             return Err(Fault::Late);
         }
         let step_ns = first_ns.saturating_sub(last_ns);

@@ -1,6 +1,7 @@
 //! What the driver of lidars promises, in one binary: it links once.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod a_sensors_clock_that_is_set_is_followed;
 mod a_vlp16_is_decoded_as_velodyne_decoder_does;
 mod an_ouster_is_asked_for_its_metadata;
 mod clouds_say_what_is_known_and_nothing_more;

@@ -17,7 +17,7 @@ use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Content, Destination
 use jink_mavlink_link::vehicle_selector::{is_autopilot, is_from_autopilot};
 use jink_shared_types::Timestamp;
 use jink_shared_types::beams::BeamRefused;
-use jink_shared_types::events::{AUTOPILOT_RESTARTED, EventSample};
+use jink_shared_types::events::{AUTOPILOT_RESTARTED, CLOCK_STEPPED, EventSample};
 use mavlink::Message;
 use mavlink::dialect::{MavMessage, TIMESYNC_DATA};
 
@@ -79,6 +79,10 @@ impl Gateway {
         outputs: &mut Outputs,
     ) {
         let time = received.time;
+        if let Some(ahead_s) = self.clock.take_step() {
+            self.vehicle.clock_was_set(ahead_s);
+            outputs.report(EventSample::new(&CLOCK_STEPPED, "autopilot", [ahead_s, 0.0]));
+        }
         self.streams.arrived(message.message_id());
         self.profile_check.fit.take(message);
         if let Some(flight) = &mut self.mission {

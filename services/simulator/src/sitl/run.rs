@@ -246,7 +246,7 @@ fn simulate(
 
 enum Simulation {
     Hil(Box<hil::Hil>),
-    Sih(sih::Sih),
+    Sih(Box<sih::Sih>),
     Json(Box<json::Json>),
 }
 
@@ -254,7 +254,7 @@ impl Simulation {
     fn open(interface: Interface, port: u16, options: &SitlOptions) -> Result<Self, StartError> {
         Ok(match interface {
             Interface::Px4Hil => Self::Hil(Box::new(hil::Hil::open(port, options)?)),
-            Interface::Px4Sih => Self::Sih(sih::Sih::open(port)?),
+            Interface::Px4Sih => Self::Sih(Box::new(sih::Sih::open(port)?)),
             Interface::ArduPilotJson => Self::Json(Box::new(json::Json::open(port, options)?)),
         })
     }

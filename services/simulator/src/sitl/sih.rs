@@ -1,13 +1,14 @@
 //! PX4's built-in quadrotor (SIH): PX4 computes the vehicle itself and sends its truth as HIL_STATE_QUATERNION.
 //!
 //! Its place comes in 1e-7 deg (11 mm) and its velocity in cm/s. PX4 paces itself to real time; its clock is mapped to the board's
-//! by the message that was least late so far.
+//! by the least late message of the last second: on a busy machine PX4 runs slower than real time and does not catch up.
 
 use super::error::StartError;
 use super::launch::{HOME_HEIGHT_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG};
 use super::stage::{CONNECT_PATIENCE, Stage};
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::geo::{GlobalPoint, Projection};
+use jink_shared_types::source_clock::SourceClock;
 use jink_shared_types::{Acceleration, Point, Timestamp, Velocity};
 use jink_simulated_world::vehicle::VehicleTruth;
 use mavlink::MavlinkReader;
@@ -21,9 +22,6 @@ const LOOK: Duration = Duration::from_millis(100);
 /// A vehicle lower than this that moves slower than that stands on the ground (m, m/s).
 const GROUND_M: f64 = 0.05;
 const GROUND_MPS: f64 = 0.05;
-/// So much of every second the mapping of the clocks forgets: on a busy machine PX4 runs slower than real time and does not catch
-/// up, which leaves the least late message behind by 0.2 s and more.
-const FORGET: f64 = 0.05;
 
 /// The truth of one message, about the place and height of `home`.
 pub fn truth(message: &HIL_STATE_QUATERNION_DATA, home: &Projection, home_height_m: f64) -> VehicleTruth {
@@ -47,8 +45,7 @@ pub fn truth(message: &HIL_STATE_QUATERNION_DATA, home: &Projection, home_height
 /// The receiver of the truth.
 pub struct Sih {
     socket: UdpSocket,
-    /// Board's clock less PX4's (s), as the least late message had it.
-    offset_s: Option<f64>,
+    clock: SourceClock,
     last_us: u64,
     first_us: u64,
 }
@@ -64,7 +61,7 @@ impl Sih {
         socket.set_read_timeout(Some(LOOK)).map_err(io)?;
         Ok(Self {
             socket,
-            offset_s: None,
+            clock: SourceClock::default(),
             last_us: 0,
             first_us: 0,
         })
@@ -110,21 +107,18 @@ impl Sih {
 
     /// When PX4's time `us` was on the board's clock, and by how much the message was late.
     fn on_boards_clock(&mut self, arrived: Timestamp, us: u64) -> (Timestamp, f64) {
-        let px4_s = us as f64 * 1e-6;
-        let now_s = arrived.seconds() - px4_s;
-        let since_s = us.saturating_sub(self.last_us) as f64 * 1e-6;
         self.last_us = us;
-        let offset_s = self
-            .offset_s
-            .map_or(now_s, |offset_s| now_s.min(offset_s + since_s * FORGET));
-        self.offset_s = Some(offset_s);
-        (Timestamp::from_seconds(offset_s + px4_s), now_s - offset_s)
+        let stamp_ns = us.saturating_mul(1_000);
+        self.clock.observe(stamp_ns, arrived);
+        let time = self.clock.map(stamp_ns);
+        (time, arrived.seconds_since(time))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::truth;
+    use super::{Sih, truth};
+    use jink_shared_types::Timestamp;
     use jink_shared_types::geo::{GlobalPoint, Projection};
     use mavlink::dialect::HIL_STATE_QUATERNION_DATA;
     use nalgebra::{UnitQuaternion, Vector2};
@@ -152,5 +146,22 @@ mod tests {
             prop_assert!((truth.position.z_m + up).abs() < 2e-3 && (truth.velocity.x_mps - v).abs() < 0.011);
             prop_assert!(truth.attitude.rotation().unwrap().angle_to(&rotation) < 1e-3);
         }
+    }
+
+    #[test]
+    fn a_px4_that_has_run_slow_is_caught_up_with() {
+        let mut sih = Sih::open(0).unwrap();
+        let (mut arrived, mut us) = (Timestamp::from_seconds(100.0), 7_000_000);
+        let mut late_s = |period_s: f64| {
+            arrived = arrived.plus_seconds(period_s);
+            us += 4_000;
+            sih.on_boards_clock(arrived, us).1
+        };
+        // A minute at two thirds of real time, then as fast as it should be.
+        for _ in 0..15_000 {
+            assert!(late_s(0.006) < 0.5);
+        }
+        let last_s = (0..500).map(|_| late_s(0.004)).last();
+        assert!(last_s.is_some_and(|late_s| late_s < 1e-3), "{last_s:?}");
     }
 }
