@@ -283,7 +283,10 @@ impl Livox {
             .into_iter()
             .flatten()
         {
-            while let Ok((length, from)) = socket.recv_from(&mut bytes) {
+            for _ in 0..DATAGRAMS {
+                let Ok((length, from)) = socket.recv_from(&mut bytes) else {
+                    break;
+                };
                 let Some(answer) = self.control.received(from.ip(), &bytes[..length]) else {
                     continue;
                 };

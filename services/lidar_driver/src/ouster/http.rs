@@ -13,12 +13,13 @@ use serde_json::{Value, json};
 use std::fmt;
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpStream};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// The sensor's web server answers within milliseconds, after its start within a second.
+/// The sensor's web server answers within milliseconds, after its start within a second: so long one request may take, from the
+/// connection to the last byte of the answer.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Longest answer that is read (bytes): metadata have some ten thousand.
-const ANSWER_BYTES: u64 = 1 << 20;
+const ANSWER_BYTES: usize = 1 << 20;
 
 /// Why a request to the sensor failed.
 #[derive(Debug)]
@@ -105,10 +106,21 @@ fn request(
     path: &'static str,
     body: &str,
 ) -> Result<(String, IpAddr), HttpError> {
-    let broken = |source| HttpError::Connection { sensor, source };
+    let broken = |source: std::io::Error| HttpError::Connection {
+        sensor,
+        // A socket calls it so that the time is over.
+        source: match source.kind() {
+            std::io::ErrorKind::WouldBlock => std::io::ErrorKind::TimedOut.into(),
+            _ => source,
+        },
+    };
+    let deadline = Instant::now() + PATIENCE;
     let mut stream = TcpStream::connect_timeout(&sensor, PATIENCE).map_err(broken)?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(broken)?;
-    stream.set_write_timeout(Some(PATIENCE)).map_err(broken)?;
+    let left = || match deadline.saturating_duration_since(Instant::now()) {
+        Duration::ZERO => Err(broken(std::io::ErrorKind::TimedOut.into())),
+        left => Ok(Some(left)),
+    };
+    stream.set_write_timeout(left()?).map_err(broken)?;
     let ours = stream.local_addr().map_err(broken)?.ip();
     let head = format!(
         "{method} {path} HTTP/1.0\r\nHost: {}\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
@@ -118,10 +130,14 @@ fn request(
     stream.write_all(head.as_bytes()).map_err(broken)?;
     stream.write_all(body.as_bytes()).map_err(broken)?;
     let mut answer = Vec::new();
-    stream
-        .take(ANSWER_BYTES)
-        .read_to_end(&mut answer)
-        .map_err(broken)?;
+    let mut part = [0; 4_096];
+    while answer.len() < ANSWER_BYTES {
+        stream.set_read_timeout(left()?).map_err(broken)?;
+        match stream.read(&mut part).map_err(broken)? {
+            0 => break,
+            count => answer.extend_from_slice(part.get(..count).unwrap_or_default()),
+        }
+    }
     let text = String::from_utf8_lossy(&answer);
     let Some((head, body)) = text
         .split_once("\r\n\r\n")

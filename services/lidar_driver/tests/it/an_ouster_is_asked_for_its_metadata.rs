@@ -111,3 +111,22 @@ fn whatever_else_answers_gets_one_clear_sentence() {
     let error = set_up(nobody, None, 7502).unwrap_err().to_string();
     assert!(error.contains("does not answer"), "{error}");
 }
+
+#[test]
+fn an_answer_that_drips_for_ever_is_given_up() {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let address = listener.local_addr().unwrap();
+    let drips = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut sent = 0;
+        // Until whoever has asked closes the connection.
+        while stream.write_all(b"H").is_ok() {
+            sent += 1;
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        sent
+    });
+    let error = set_up(address, None, 7502).unwrap_err().to_string();
+    assert!(error.contains("does not answer: timed out"), "{error}");
+    assert!(drips.join().unwrap() > 1);
+}

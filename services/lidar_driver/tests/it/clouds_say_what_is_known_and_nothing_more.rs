@@ -315,3 +315,37 @@ fn a_sensor_or_a_recording_that_begins_anew_is_followed() {
     let again: usize = (0..10).map(|_| flown(&mut driver, 3, &|_, _| 3_000).len()).sum();
     assert!(again >= 6, "{again}");
 }
+
+#[test]
+fn a_flood_of_strangers_and_of_garbage_changes_no_cloud() {
+    let stranger = IpAddr::V4(Ipv4Addr::new(192, 168, 1, 66));
+    let undisturbed = flown(&mut ouster(ROWS, COLUMNS, ""), 3, &|_, _| 10_000);
+    let mut driver = ouster(ROWS, COLUMNS, "");
+    let mut published = Vec::new();
+    for frame in 0..3 {
+        for first in (0..COLUMNS).step_by(16) {
+            let (arrived, bytes) = packet(frame, first, &|_, _| 10_000);
+            driver.datagram(arrived, SENSOR, &bytes, &mut take(&mut published));
+            // Sound packets of another sensor, of this one's past, and whatever has its address.
+            let (_, sound) = packet(frame + 7, first, &|_, _| 1_000);
+            let torn = &sound[..first * bytes.len() / COLUMNS];
+            for (source, flood) in [
+                (stranger, &sound[..]),
+                (stranger, &bytes),
+                (SENSOR, torn),
+                (SENSOR, &[0xFF; 1_206]),
+            ] {
+                for _ in 0..20 {
+                    driver.datagram(arrived, source, flood, &mut take(&mut published));
+                }
+            }
+        }
+    }
+    assert_eq!(published.len(), undisturbed.len());
+    for (published, undisturbed) in published.iter().zip(&undisturbed) {
+        assert_eq!(published.capture, undisturbed.capture);
+        assert_eq!(published.cloud.points(), undisturbed.cloud.points());
+    }
+    let counters = driver.counters(Timestamp::from_seconds(1.0));
+    assert_eq!((counters.lost, counters.foreign), (0, 3 * 32 * 80));
+}
