@@ -3,6 +3,7 @@
 
 use jink_runtime::Instance;
 use jink_runtime::request::{Answer, Request};
+use jink_shared_types::Timestamp;
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -10,6 +11,8 @@ use std::path::PathBuf;
 
 /// Clients at a time; one more is rejected.
 pub const CLIENTS: usize = 4;
+/// Where no descriptor is left for a client, the next attempt is made so much later (s): it is readable all the time.
+const NO_DESCRIPTOR_S: f64 = 0.5;
 /// Longest request (bytes).
 const REQUEST_MAX: usize = 8 << 10;
 
@@ -26,6 +29,8 @@ pub struct Requests {
     listener: UnixListener,
     path: PathBuf,
     clients: Vec<Client>,
+    /// Nobody is let in before.
+    closed_until: Timestamp,
 }
 
 impl Requests {
@@ -42,42 +47,73 @@ impl Requests {
             listener,
             path,
             clients: Vec::with_capacity(CLIENTS),
+            closed_until: Timestamp::NEVER,
         })
     }
 
     /// What to sleep on.
     pub fn fds(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         let waiting = self.clients.iter().filter(|client| client.process.is_none());
-        std::iter::once(self.listener.as_fd()).chain(waiting.map(|client| client.stream.as_fd()))
+        let is_open = jink_runtime::now() >= self.closed_until;
+        let listener = is_open.then(|| self.listener.as_fd());
+        listener
+            .into_iter()
+            .chain(waiting.map(|client| client.stream.as_fd()))
     }
 
     /// Every request that has come, with the client it came from.
     pub fn take(&mut self) -> Vec<(usize, Request)> {
-        self.accept();
         let mut requests = Vec::new();
-        let mut gone = Vec::new();
-        for (number, client) in self.clients.iter_mut().enumerate() {
-            match client.read() {
-                Ok(Some(request)) => requests.push((number, request)),
-                Ok(None) => {}
-                Err(why) => {
-                    if let Some(text) = why {
-                        client.send(&refusal(text));
-                    }
-                    gone.push(number);
-                }
-            }
+        let mut number = 0;
+        while number < self.clients.len() {
+            number += usize::from(self.hear(number, &mut requests));
         }
-        // From the end, so that the numbers before stay; a client with a request is never removed in the same call.
-        for number in gone.into_iter().rev() {
-            self.clients.remove(number);
-            for (other, _) in &mut requests {
-                if *other > number {
-                    *other -= 1;
-                }
+        while let Some(stream) = self.accept() {
+            let mut client = Client {
+                stream,
+                bytes: Vec::new(),
+                process: None,
+            };
+            if self.clients.len() == CLIENTS && !self.end_one_that_asks_nothing(&mut requests) {
+                client.send(&refusal("too many requests at a time".to_owned()));
+            } else {
+                self.clients.push(client);
+                self.hear(self.clients.len() - 1, &mut requests);
             }
         }
         requests
+    }
+
+    /// Takes what client `number` asks; false if that has ended it.
+    fn hear(&mut self, number: usize, requests: &mut Vec<(usize, Request)>) -> bool {
+        let Some(client) = self.clients.get_mut(number) else {
+            return false;
+        };
+        match client.read() {
+            Ok(Some(request)) => requests.push((number, request)),
+            Ok(None) => {}
+            Err(why) => {
+                if let Some(text) = why {
+                    client.send(&refusal(text));
+                }
+                self.clients.remove(number);
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Ends the client that has been there longest without asking for anything; false if there is none.
+    fn end_one_that_asks_nothing(&mut self, requests: &mut [(usize, Request)]) -> bool {
+        let asks = |number: usize| requests.iter().any(|(other, _)| *other == number);
+        let mut clients = self.clients.iter().enumerate();
+        let silent = clients.position(|(number, client)| client.process.is_none() && !asks(number));
+        let Some(silent) = silent else { return false };
+        self.clients.remove(silent);
+        for (other, _) in requests {
+            *other -= usize::from(*other > silent);
+        }
+        true
     }
 
     /// Client `number` waits for the swap of `process`.
@@ -113,17 +149,20 @@ impl Requests {
         let _ = std::fs::remove_file(&self.path);
     }
 
-    fn accept(&mut self) {
-        while let Ok((stream, _)) = self.listener.accept() {
-            let mut client = Client {
-                stream,
-                bytes: Vec::new(),
-                process: None,
-            };
-            if self.clients.len() == CLIENTS {
-                client.send(&refusal("too many requests at a time".to_owned()));
-            } else if client.stream.set_nonblocking(true).is_ok() {
-                self.clients.push(client);
+    /// The next client. Where there is no descriptor for it, it waits, and the supervisor does not.
+    fn accept(&mut self) -> Option<UnixStream> {
+        let now = jink_runtime::now();
+        if now < self.closed_until {
+            return None;
+        }
+        match self.listener.accept() {
+            Ok((stream, _)) => stream.set_nonblocking(true).is_ok().then_some(stream),
+            Err(error) => {
+                if error.kind() != ErrorKind::WouldBlock {
+                    tracing::warn!("a request cannot be taken: {error}");
+                    self.closed_until = now.plus_seconds(NO_DESCRIPTOR_S);
+                }
+                None
             }
         }
     }
@@ -175,11 +214,14 @@ impl Client {
 
 #[cfg(test)]
 mod tests {
-    use super::Requests;
+    use super::{CLIENTS, Requests};
     use jink_runtime::Instance;
     use jink_runtime::request::{Answer, Request};
-    use std::io::{BufRead, BufReader, Write};
+    use std::io::{BufRead, BufReader, Read, Write};
     use std::os::unix::net::UnixStream;
+
+    /// Tells the test that it is the process that has no descriptor.
+    const CHILD: &str = "JINK_TEST_WITHOUT_A_DESCRIPTOR";
 
     fn listening(test: &str) -> (Instance, Requests) {
         let instance: Instance = format!("req_{test}_{}", std::process::id()).parse().unwrap();
@@ -220,6 +262,86 @@ mod tests {
             assert_eq!(answer.text, wanted);
         }
         std::fs::remove_dir_all(instance.folder()).unwrap();
+    }
+
+    #[test]
+    fn clients_that_ask_nothing_keep_nobody_from_asking() {
+        let (instance, mut requests) = listening("idle");
+        let connect = || UnixStream::connect(instance.request_socket()).unwrap();
+        let mut waiting = connect();
+        waiting
+            .write_all(b"{\"swap\":{\"process\":\"planner\",\"dry_run\":true}}\n")
+            .unwrap();
+        let taken = wait_for(&mut requests);
+        requests.wait_for(taken[0].0, 4);
+        let mut idle: Vec<_> = (0..2 * CLIENTS)
+            .map(|_| {
+                let client = connect();
+                assert!(requests.take().is_empty());
+                client
+            })
+            .collect();
+        let mut client = connect();
+        client
+            .write_all(b"{\"stop\":{\"process\":\"planner\"}}\n")
+            .unwrap();
+        let process = "planner".to_owned();
+        let taken = wait_for(&mut requests);
+        assert_eq!(taken, [(CLIENTS - 1, Request::Stop { process })]);
+        // Neither the one that waits nor the one that has come last was ended for it.
+        let text = String::new();
+        let (last, good) = (true, true);
+        requests.notify(4, &Answer { text, last, good });
+        assert!(BufReader::new(waiting).lines().next().unwrap().is_ok());
+        assert_eq!(idle[0].read(&mut [0]).unwrap(), 0, "the first idle one is ended");
+        let newest = idle.last_mut().unwrap();
+        newest.set_nonblocking(true).unwrap();
+        assert!(newest.read(&mut [0]).is_err(), "the newest is not");
+        std::fs::remove_dir_all(instance.folder()).unwrap();
+    }
+
+    /// Not a test: without a descriptor, in a process of its own.
+    #[test]
+    fn child_without_a_descriptor() {
+        use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+        if std::env::var_os(CHILD).is_none() {
+            return;
+        }
+        let (instance, mut requests) = listening("no_fd");
+        let mut client = UnixStream::connect(instance.request_socket()).unwrap();
+        client
+            .write_all(b"{\"stop\":{\"process\":\"planner\"}}\n")
+            .unwrap();
+        let before = getrlimit(Resource::Nofile);
+        let none = Rlimit {
+            current: Some(0),
+            ..before
+        };
+        setrlimit(Resource::Nofile, none).unwrap();
+        assert!(requests.take().is_empty());
+        assert_eq!(
+            requests.fds().count(),
+            0,
+            "nothing to be woken by again and again"
+        );
+        setrlimit(Resource::Nofile, before).unwrap();
+        let process = "planner".to_owned();
+        assert_eq!(wait_for(&mut requests), [(0, Request::Stop { process })]);
+        std::fs::remove_dir_all(instance.folder()).unwrap();
+    }
+
+    #[test]
+    fn a_client_for_whom_there_is_no_descriptor_waits_and_nobody_spins() {
+        let child = std::process::Command::new(std::env::current_exe().unwrap())
+            .args([
+                "--exact",
+                "program::host::requests::tests::child_without_a_descriptor",
+            ])
+            .env(CHILD, "")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&child.stdout).into_owned();
+        assert!(child.status.success() && said.contains("1 passed"), "{said}");
     }
 
     #[test]
