@@ -18,6 +18,7 @@ use crate::instance::Instance;
 use crate::realtime::{self, Scheduling};
 use jink_shared_types::params::{Apply, Param, ParamError, ParamSet};
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fmt::{self, Write as _};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -25,6 +26,8 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 
 /// Appended to the name of a file that cannot be understood.
 const ASIDE: &str = "broken";
+/// Appended, after the writer's process id, to the name of a file that is being written.
+const UNFINISHED: &str = "new";
 /// Texts that wait for the disk: the one being written, and newer ones. When full, the next change says everything again.
 const WAITING: usize = 8;
 /// Stack of the thread (bytes): where memory is locked, all of it is touched when the thread begins.
@@ -202,7 +205,8 @@ impl ParamStore {
 fn write_atomically(file: &Path, text: &str) -> io::Result<()> {
     let folder = file.parent().unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder)?;
-    let beside = file.with_extension(format!("{}.new", std::process::id()));
+    remove_unfinished(file, folder);
+    let beside = file.with_extension(format!("{}.{UNFINISHED}", std::process::id()));
     let written = (|| {
         let mut new = std::fs::File::create(&beside)?;
         new.write_all(text.as_bytes())?;
@@ -216,6 +220,25 @@ fn write_atomically(file: &Path, text: &str) -> io::Result<()> {
     }
     // Without this the new name may be lost with the power.
     std::fs::File::open(folder)?.sync_all()
+}
+
+/// Removes what writers that were killed have left beside `file`: their process ids are those of nobody.
+fn remove_unfinished(file: &Path, folder: &Path) {
+    let name = file.file_stem().unwrap_or_default();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let writer = path
+            .file_stem()
+            .map(Path::new)
+            .filter(|stem| stem.file_stem() == Some(name));
+        let pid = writer.and_then(Path::extension).and_then(OsStr::to_str);
+        let pid = pid.and_then(|pid| pid.parse::<u32>().ok());
+        let is_gone = pid.is_some_and(|pid| !Path::new(&format!("/proc/{pid}")).exists());
+        if is_gone && path.extension() == Some(OsStr::new(UNFINISHED)) {
+            // What cannot be removed is in nobody's way.
+            let _stays = std::fs::remove_file(path);
+        }
+    }
 }
 
 /// Saves without making anybody wait.
@@ -423,6 +446,29 @@ mod tests {
             std::thread::yield_now();
         }
         assert!(writer.failure().is_none());
+    }
+
+    #[test]
+    fn what_killed_writers_have_left_goes_with_the_next_change() {
+        let folder = Folder::new("unfinished");
+        let store = folder.store();
+        let beside = |name: &str| store.file.with_file_name(name);
+        std::fs::create_dir_all(store.file.parent().unwrap()).unwrap();
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        child.wait().unwrap();
+        let left = beside(&format!("parameters.{}.new", child.id()));
+        let others = [
+            beside(&format!("parameters.{}.new", 1)),
+            beside(&format!("other.{}.new", child.id())),
+            beside("parameters.new"),
+            beside(&format!("parameters.{}.toml", child.id())),
+        ];
+        for file in others.iter().chain([&left]) {
+            std::fs::write(file, "half").unwrap();
+        }
+        write_atomically(&store.file, "").unwrap();
+        assert!(!left.exists());
+        assert!(others.iter().all(|file| file.exists()), "they are somebody's");
     }
 
     #[test]
