@@ -200,7 +200,7 @@ impl Planner {
             let is_open_now = found.end != PathEnd::NearestPoint
                 && match self.blocked_by {
                     Some(Obstruction::Occupied | Obstruction::Enclosed) => {
-                        self.progress.is_as_short(f64::from(found.cost_m))
+                        departure.is_at_rest() && self.progress.is_as_short(f64::from(found.cost_m))
                     }
                     why => why == Some(Obstruction::Unflown),
                 };

@@ -158,7 +158,7 @@ impl GoalProgress {
 
     /// The path to `goal` has the remaining cost `remaining_m` at `now`, and a detour is being flown at `speed_mps`
     /// (none: 0); `None`: no path to the goal is known. Returns whether the goal counts as out of reach from now on, and again
-    /// after every further timeout.
+    /// after every further timeout. It does so until [`Self::resume`], whatever paths seem to be found.
     pub fn step(
         &mut self,
         now: Timestamp,
@@ -185,7 +185,7 @@ impl GoalProgress {
                 self.max_m = remaining_m;
                 self.since = now;
                 self.moved_on = now;
-                self.is_blocked = false;
+                self.due = now;
             }
             self.max_m = self.max_m.max(remaining_m);
         }
@@ -338,6 +338,22 @@ mod tests {
             progress.step(now, &goal, Some(30.0), 0.0)
         });
         assert!(due.is_some_and(|s| (9.0..12.0).contains(&s)), "{due:?}");
+    }
+
+    #[test]
+    fn what_is_out_of_reach_stays_so_when_a_path_seems_shorter_by_a_little() {
+        let goal = Point::new(100.0, 0.0, 0.0);
+        let mut progress = GoalProgress::new(10.0);
+        for s in (0..400).map(|i| f64::from(i) * 0.1) {
+            let now = Timestamp::from_seconds(50.0 + s);
+            let remaining_m = if s < 15.0 { 30.0 } else { 29.0 - 0.1 * s };
+            progress.step(now, &goal, Some(remaining_m), 0.0);
+            if (s - 10.0).abs() > 0.5 {
+                assert_eq!(progress.is_blocked(), s > 10.0, "{s}");
+            }
+        }
+        progress.resume(Timestamp::from_seconds(90.0));
+        assert!(!progress.is_blocked());
     }
 
     #[test]

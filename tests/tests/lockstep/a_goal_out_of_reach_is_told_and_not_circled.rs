@@ -85,7 +85,7 @@ fn closed(kind: Kind, seed: u64) -> World {
             (north_m, east_m) = (goal.x_m, goal.y_m);
             obstacles.extend(room(north_m, east_m, [MAZE_ROOM_M; 2], 0.0));
         }
-        Kind::Hull if seed % 2 == 0 => obstacles.push(Obstacle::Cylinder(Cylinder {
+        Kind::Hull if seed.is_multiple_of(2) => obstacles.push(Obstacle::Cylinder(Cylinder {
             north_m,
             east_m,
             radius_m: between(3.0, 4.5),
