@@ -31,6 +31,9 @@ use std::marker::PhantomData;
 
 /// Publishers of a topic: active, shadow, and one dead that has not been cleaned up yet.
 pub const MAX_PUBLISHERS: usize = 3;
+/// The command line: it may read every topic, and only looks on. It never takes a place that a service may need
+/// ([`TopicRow::spectators`]).
+pub const SPECTATOR: &str = "cli";
 /// The same of a topic on which every process publishes.
 const MAX_PUBLISHERS_SHARED: usize = 40;
 /// Readers besides the programs of the row: a recorder, command line tools, and a program that has died and is not cleaned up yet.
@@ -93,12 +96,28 @@ impl TopicRow {
         !self.is_family() && self.producers.contains(&"*")
     }
 
-    /// Publishers that there is room for.
+    /// Publishers that there is room for: each program of the row with its shadow, one dead, and the command line as often as it may
+    /// be there.
     pub fn max_publishers(&self) -> usize {
         if self.is_shared() {
-            MAX_PUBLISHERS_SHARED
-        } else {
-            MAX_PUBLISHERS
+            return MAX_PUBLISHERS_SHARED;
+        }
+        if self.is_family() {
+            return MAX_PUBLISHERS;
+        }
+        let services = self.producers.iter().filter(|name| **name != SPECTATOR);
+        let spectators = match self.producers.contains(&SPECTATOR) {
+            true => self.spectators(),
+            false => 0,
+        };
+        (2 * services.count() + 1 + spectators).max(MAX_PUBLISHERS)
+    }
+
+    /// How often the command line may have the topic open at once: the places besides those of the row's programs.
+    pub fn spectators(&self) -> usize {
+        match self.payload_bytes < LARGE_BYTES {
+            true => SPECTATORS,
+            false => SPECTATORS_OF_LARGE,
         }
     }
 
@@ -107,11 +126,7 @@ impl TopicRow {
         if self.consumers.contains(&"*") {
             MAX_SUBSCRIBERS_ALL
         } else {
-            let spectators = match self.payload_bytes < LARGE_BYTES {
-                true => SPECTATORS,
-                false => SPECTATORS_OF_LARGE,
-            };
-            2 * self.consumers.len() + spectators
+            2 * self.consumers.len() + self.spectators()
         }
     }
 
@@ -121,9 +136,27 @@ impl TopicRow {
         self.max_subscribers() * (self.buffer + MAX_BORROWED) + 1 + MAX_LOANED
     }
 
+    /// Samples whose memory a publisher takes before the first one. Of large samples those that the programs of the row may have
+    /// queued and hold; what shadows and spectators hold besides is taken when they do, if there is room.
+    pub fn reserved_slots(&self) -> usize {
+        match self.payload_bytes < LARGE_BYTES {
+            true => self.slots(),
+            false => self.consumers.len() * (self.buffer + MAX_BORROWED) + 1 + MAX_LOANED,
+        }
+    }
+
     /// Shared memory for the samples of one publisher, headers included (bytes).
     pub fn memory_bytes(&self) -> usize {
-        self.slots() * (self.payload_bytes + size_of::<SampleHeader>() + CHUNK_HEADER_BYTES)
+        self.slots() * self.slot_bytes()
+    }
+
+    /// What of it is taken before the first sample (bytes).
+    pub fn reserved_bytes(&self) -> usize {
+        self.reserved_slots() * self.slot_bytes()
+    }
+
+    fn slot_bytes(&self) -> usize {
+        self.payload_bytes + size_of::<SampleHeader>() + CHUNK_HEADER_BYTES
     }
 
     /// What stands for the `*` in `name`, empty if this row is no family; `None` if `name` is not of this row.
@@ -157,7 +190,7 @@ impl TopicRow {
 
     /// Whether `program` may read the topic.
     pub fn may_read(&self, program: &str) -> bool {
-        program == "cli" || self.consumers.iter().any(|name| *name == "*" || *name == program)
+        program == SPECTATOR || self.consumers.iter().any(|name| *name == "*" || *name == program)
     }
 }
 
@@ -362,7 +395,7 @@ topics! {
 
 #[cfg(test)]
 mod tests {
-    use super::{RANGE_CLOUD, TABLE, Topic, TopicRow, VEHICLE_STATE, Visitor, visit};
+    use super::{RANGE_CLOUD, SPECTATOR, TABLE, Topic, TopicRow, VEHICLE_STATE, Visitor, visit};
     use std::fmt::Debug;
 
     #[test]
@@ -415,6 +448,26 @@ mod tests {
         }
         assert_ne!(row.fold(0, 8), row.fold(0, 7));
         assert_eq!(TopicRow { rate_hz: 1.0, ..row }.fold(0, 7), row.fold(0, 7));
+    }
+
+    #[test]
+    fn spectators_leave_every_program_of_a_row_its_places() {
+        for row in TABLE.iter().filter(|row| !row.consumers.contains(&"*")) {
+            let services = 2 * row.consumers.iter().filter(|name| **name != SPECTATOR).count();
+            assert!(
+                row.max_subscribers() >= services + row.spectators(),
+                "{}",
+                row.name
+            );
+        }
+        for row in TABLE.iter().filter(|row| !row.is_shared() && !row.is_family()) {
+            let services = row.producers.iter().filter(|name| **name != SPECTATOR).count();
+            let spectators = match row.may_publish(SPECTATOR) {
+                true => row.spectators(),
+                false => 0,
+            };
+            assert!(row.max_publishers() > 2 * services + spectators, "{}", row.name);
+        }
     }
 
     #[test]

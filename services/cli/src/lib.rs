@@ -13,10 +13,8 @@
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
 //! | [`host`] | the kernel's files, measured wake-ups | findings |
-//! | [`memory_need`] | topic table, configuration | shared memory that the topics take |
 
 pub mod host;
-pub mod memory_need;
 pub mod running_link;
 pub mod sensors_seen;
 pub mod view;

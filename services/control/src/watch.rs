@@ -13,7 +13,7 @@ use jink_shared_types::view::Missing;
 use jink_shared_types::{Reading, Stamped, topics};
 
 /// Who operates an instance, in the topic table: may read everything.
-pub const PROGRAM: &str = "cli";
+pub const PROGRAM: &str = topics::SPECTATOR;
 
 /// Status and link of one instance.
 pub struct Watch {

@@ -3,8 +3,11 @@
 //! Shared memory gets a prefix of its own, iceoryx2's files a root of their own, both on tmpfs: service and node
 //! creation costs some 17 `fsync`, which a disk makes ten times slower than memory.
 
+use crate::room::SHARED_MEMORY;
 use iceoryx2::prelude::{Config, FileName, Path, SemanticString};
 use std::fmt;
+use std::io::{Error, ErrorKind};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::PathBuf;
 
 /// Longest name of an instance. iceoryx2 wakes a process over a local socket called
@@ -61,7 +64,12 @@ impl fmt::Display for Instance {
 }
 
 /// Where the folders of all instances are.
-const ROOT: &str = "/dev/shm";
+const ROOT: &str = SHARED_MEMORY;
+/// Rights of an instance's folder: its user's.
+const PRIVATE_FOLDER: u32 = 0o700;
+/// Rights of group and others, and among them those to write.
+const OTHERS: u32 = 0o077;
+const OTHERS_WRITE: u32 = 0o022;
 /// Begins the name of each.
 const FOLDER_PREFIX: &str = "jink_";
 
@@ -69,6 +77,66 @@ impl Instance {
     /// The instance's own folder on tmpfs.
     pub fn folder(&self) -> PathBuf {
         PathBuf::from(format!("{ROOT}/{FOLDER_PREFIX}{}", self.name))
+    }
+
+    /// Makes the instance's folder, into which no other user looks; one that is there already must be such.
+    ///
+    /// # Errors
+    /// It is another user's, others may write to it, or it is no folder: who had made it could choose the programs that this user runs.
+    pub fn make_folder(&self) -> std::io::Result<()> {
+        let folder = self.folder();
+        match std::fs::DirBuilder::new().mode(PRIVATE_FOLDER).create(&folder) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            other => return other,
+        }
+        let found = std::fs::symlink_metadata(&folder)?;
+        let us = rustix::process::geteuid().as_raw();
+        let why = if !found.is_dir() {
+            "is no folder".to_owned()
+        } else if found.uid() != us {
+            format!("belongs to the user with id {}, and this is {us}", found.uid())
+        } else if found.mode() & OTHERS_WRITE != 0 {
+            "can be written by other users".to_owned()
+        } else if found.mode() & OTHERS != 0 {
+            return std::fs::set_permissions(folder, PermissionsExt::from_mode(PRIVATE_FOLDER));
+        } else {
+            return Ok(());
+        };
+        Err(Error::new(
+            ErrorKind::PermissionDenied,
+            format!("{} {why}; remove it, or use another --instance", folder.display()),
+        ))
+    }
+
+    /// Takes from other users what iceoryx2 gives them: a file that it makes for all users, in which a few bytes keep every program from
+    /// starting. Who has opened it before has a file that nobody uses any more.
+    pub(crate) fn close_to_others(&self) -> std::io::Result<()> {
+        for file in self.memory_files() {
+            let is_open = file.extension().is_some_and(|end| end == "global_mgmt")
+                && std::fs::symlink_metadata(&file).is_ok_and(|found| found.mode() & OTHERS != 0);
+            if is_open {
+                let copy = self.folder().join(format!("global_mgmt.{}", std::process::id()));
+                let mut private = std::fs::File::options()
+                    .create(true)
+                    .truncate(true)
+                    .write(true)
+                    .mode(0o600)
+                    .open(&copy)?;
+                std::io::copy(&mut std::fs::File::open(&file)?, &mut private)?;
+                std::fs::rename(&copy, &file)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Files of shared memory that other users may open; empty as it should be.
+    pub fn open_to_others(&self) -> Vec<PathBuf> {
+        let is_open =
+            |path: &PathBuf| std::fs::symlink_metadata(path).is_ok_and(|found| found.mode() & OTHERS != 0);
+        self.memory_files()
+            .chain([self.folder()])
+            .filter(is_open)
+            .collect()
     }
 
     /// Every instance that has a folder, running or ended, in alphabetical order.
@@ -158,6 +226,19 @@ impl Instance {
         format!("jink_{}-", self.name)
     }
 
+    /// Every file of shared memory with this prefix.
+    pub(crate) fn memory_files(&self) -> impl Iterator<Item = PathBuf> {
+        let prefix = self.shm_prefix();
+        let entries = std::fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        entries
+            .filter(move |entry| {
+                let name = entry.file_name();
+                name.to_str().is_some_and(|name| name.starts_with(&prefix))
+            })
+            .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file()))
+            .map(|entry| entry.path())
+    }
+
     /// iceoryx2's configuration for this instance. Workers never clean up after others: that belongs to the
     /// supervisor, after control has moved.
     pub(crate) fn iceoryx_config(&self) -> Option<Config> {
@@ -181,9 +262,9 @@ impl Instance {
         for folder in [self.run_config(), self.iceoryx_root(), self.log_folder()] {
             // A command that looks at the instance may be making files in it: in a folder of another name it makes none.
             let aside = folder.with_extension("gone");
-            unless_gone(std::fs::remove_dir_all(&aside))?;
-            unless_gone(std::fs::rename(&folder, &aside))?;
-            unless_gone(std::fs::remove_dir_all(&aside))?;
+            unless_gone(&aside, std::fs::remove_dir_all(&aside))?;
+            unless_gone(&folder, std::fs::rename(&folder, &aside))?;
+            unless_gone(&aside, std::fs::remove_dir_all(&aside))?;
         }
         // The values of an earlier run would lie over those that this one was started with, and its autopilot was another.
         for file in [
@@ -193,28 +274,30 @@ impl Instance {
             self.flight_record(),
             self.signed_senders(),
         ] {
-            unless_gone(std::fs::remove_file(file))?;
+            unless_gone(&file, std::fs::remove_file(&file))?;
         }
-        let prefix = self.shm_prefix();
-        for entry in std::fs::read_dir("/dev/shm")?.flatten() {
-            let ours = entry
-                .file_name()
-                .to_str()
-                .is_some_and(|name| name.starts_with(&prefix));
-            if ours && entry.file_type().is_ok_and(|kind| kind.is_file()) {
-                unless_gone(std::fs::remove_file(entry.path()))?;
-            }
+        for file in self.memory_files() {
+            unless_gone(&file, std::fs::remove_file(&file))?;
         }
         Ok(())
     }
 }
 
-/// A file or folder that is not there counts as removed.
-fn unless_gone(done: std::io::Result<()>) -> std::io::Result<()> {
-    match done {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
-        other => other,
+/// A file or folder that is not there counts as removed; of any other it is said whose it is.
+fn unless_gone(path: &std::path::Path, done: std::io::Result<()>) -> std::io::Result<()> {
+    let Err(error) = done else { return Ok(()) };
+    if error.kind() == ErrorKind::NotFound {
+        return Ok(());
     }
+    let owner = std::fs::symlink_metadata(path).map(|found| found.uid());
+    let whose = match owner {
+        Ok(owner) if owner != rustix::process::geteuid().as_raw() => {
+            format!("; it belongs to the user with id {owner}")
+        }
+        _ => String::new(),
+    };
+    let text = format!("{} cannot be removed: {error}{whose}", path.display());
+    Err(Error::new(error.kind(), text))
 }
 
 #[cfg(test)]
@@ -245,6 +328,41 @@ mod tests {
         let socket = format!("{}9{:031}.event", longest.shm_prefix(), 0);
         let path = longest.iceoryx_root().join(socket);
         assert!(path.as_os_str().len() <= SOCKET_PATH_MAX, "{}", path.display());
+    }
+
+    #[test]
+    fn a_folder_is_made_for_its_user_alone_and_one_of_others_is_refused() {
+        use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
+        let instance: Instance = format!("private_{}", std::process::id()).parse().unwrap();
+        let folder = instance.folder();
+        let mode = || std::fs::symlink_metadata(&folder).unwrap().mode() & 0o777;
+        instance.make_folder().unwrap();
+        instance.make_folder().unwrap();
+        assert_eq!(mode(), 0o700);
+        let set = |mode| std::fs::set_permissions(&folder, PermissionsExt::from_mode(mode)).unwrap();
+        // What others may only read is closed, in what they may write they may have written.
+        set(0o755);
+        instance.make_folder().unwrap();
+        assert_eq!(mode(), 0o700);
+        for written in [0o720, 0o702] {
+            set(written);
+            let refused = instance.make_folder().unwrap_err().to_string();
+            assert!(refused.contains("can be written by other users"), "{refused}");
+        }
+        std::fs::remove_dir(&folder).unwrap();
+        symlink("/tmp", &folder).unwrap();
+        let refused = instance.make_folder().unwrap_err().to_string();
+        assert!(refused.contains("is no folder"), "{refused}");
+        std::fs::remove_file(&folder).unwrap();
+        if !rustix::process::geteuid().is_root() {
+            eprintln!("NOT TESTED: only root can make a folder of another user");
+            return;
+        }
+        instance.make_folder().unwrap();
+        std::os::unix::fs::chown(&folder, Some(65_534), None).unwrap();
+        let refused = instance.make_folder().unwrap_err().to_string();
+        assert!(refused.contains("belongs to the user with id 65534"), "{refused}");
+        std::fs::remove_dir(&folder).unwrap();
     }
 
     #[test]

@@ -51,6 +51,7 @@
 //! | `ranges` | the range topics of all configured sensors |
 //! | [`device`] | drivers: who reads a device, when the others run, what no driver does differently |
 //! | [`cleanup`] | what the dead left behind |
+//! | [`room`] | what topics take of shared memory, what there is, and taking it before the flight |
 //! | [`request`] | what can be asked of a running supervisor |
 //! | [`procfs`] | what the kernel says of processes and of the board |
 //! | [`programs`] | which file holds which of jink's programs |
@@ -81,6 +82,7 @@ pub mod programs;
 mod ranges;
 pub mod realtime;
 pub mod request;
+pub mod room;
 mod running;
 pub mod serial;
 pub mod service;

@@ -1,5 +1,6 @@
 //! Why a topic could not be opened.
 
+use crate::room::{REMEDY, SHARED_MEMORY, megabytes};
 use std::fmt;
 
 /// Why a topic, or the connection itself, could not be opened.
@@ -37,6 +38,29 @@ pub enum OpenError {
         /// How many there may be.
         most: usize,
     },
+    /// Every place of a topic is taken, by others that live.
+    Taken {
+        /// Topic asked for.
+        topic: String,
+        /// What iceoryx2 said.
+        cause: String,
+    },
+    /// As many look on as may; the other places belong to the services.
+    TooManySpectators {
+        /// Topic asked for.
+        topic: String,
+        /// How many may look on.
+        most: usize,
+    },
+    /// There is not enough shared memory left.
+    NoRoom {
+        /// Topic asked for, or what was being done.
+        what: String,
+        /// What it takes (bytes).
+        needed_bytes: u64,
+        /// What there is (bytes).
+        available_bytes: u64,
+    },
     /// iceoryx2 refused for another reason.
     Transport {
         /// Topic asked for, or what was being done.
@@ -64,6 +88,21 @@ impl fmt::Display for OpenError {
             Self::TooMany { topic, what, most } => {
                 write!(f, "{topic}: there is room for {most} {what} in one service")
             }
+            Self::Taken { topic, cause } => write!(f, "{topic}: all places are taken ({cause})"),
+            Self::TooManySpectators { topic, most } => write!(
+                f,
+                "{topic}: {most} commands look at it already, the other places belong to the services; end one of them"
+            ),
+            Self::NoRoom {
+                what,
+                needed_bytes,
+                available_bytes,
+            } => write!(
+                f,
+                "{what}: {} of shared memory needed, {} available in {SHARED_MEMORY}; {REMEDY}",
+                megabytes(*needed_bytes),
+                megabytes(*available_bytes)
+            ),
             Self::Transport { topic, cause } => write!(f, "{topic}: {cause}"),
         }
     }

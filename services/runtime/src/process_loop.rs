@@ -36,7 +36,10 @@ pub fn run<S: Service>() -> ExitCode {
         Ok(Ended::WantsRestart) => ExitCode::from(EXIT_RESTART),
         Err(error) => {
             tracing::error!("{} cannot start: {error}", S::PROGRAM);
-            ExitCode::from(EXIT_CANNOT_START)
+            ExitCode::from(match error.passes() {
+                true => EXIT_RESTART,
+                false => EXIT_CANNOT_START,
+            })
         }
     }
 }

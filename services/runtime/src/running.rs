@@ -100,7 +100,7 @@ impl<S: Service> Running<S> {
             &self.ports.session,
             &self.ports.config().params,
         )?);
-        Ok(())
+        self.ports.session.reserve()
     }
 
     /// Reads the control record and sends the heartbeat if it is due. Returns whether the instance has just become the owner:
@@ -238,7 +238,7 @@ mod tests {
     #[test]
     fn a_live_value_reaches_a_running_service_once_and_a_restart_value_does_not() {
         let isolated = Isolated(format!("rt_tuning_{}", std::process::id()).parse().unwrap());
-        std::fs::create_dir_all(isolated.0.folder()).unwrap();
+        isolated.0.make_folder().unwrap();
         let owner = Session::open(&isolated.0, "parameter_server").unwrap();
         let mut output = owner.output(topics::PARAMETERS, "", 1).unwrap();
         let planner = Session::open(&isolated.0, "planner").unwrap();

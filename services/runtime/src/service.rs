@@ -12,7 +12,7 @@ pub const WATCHED_FDS: usize = 3 * jink_shared_types::link::LINKS;
 /// Exit code of a service that could not start: wrong configuration, missing device, refused topic. The supervisor does
 /// not restart it at once: it would fail again.
 pub const EXIT_CANNOT_START: u8 = 78;
-/// Exit code of a service that wants to be started again ([`Wake::restart`]): for the supervisor a death like any other, so
+/// Exit code of a service that wants to be started again ([`Wake::restart`], or a place was taken that somebody will leave): for the supervisor a death like any other, so
 /// back-off and intensity hold for it, too.
 pub const EXIT_RESTART: u8 = 75;
 

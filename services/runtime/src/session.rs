@@ -111,8 +111,20 @@ impl Session {
             "read",
         )?;
         match &self.transport {
-            Transport::Shared(connection) => connection.raw_subscriber(row.name),
+            Transport::Shared(connection) => connection.raw_subscriber(row, row.name),
             Transport::Local(_) => Ok(None),
+        }
+    }
+
+    /// Takes the memory that everything opened so far may need, before somebody else has it: a process that writes where none is left
+    /// is ended by a signal.
+    ///
+    /// # Errors
+    /// [`OpenError::NoRoom`].
+    pub fn reserve(&self) -> Result<(), OpenError> {
+        match &self.transport {
+            Transport::Shared(connection) => connection.reserve(),
+            Transport::Local(_) => Ok(()),
         }
     }
 
@@ -179,7 +191,7 @@ impl Session {
         self.check(&topic.row, topic.row.wakes, "wait for")?;
         let name = topic.row.topic_name(member);
         Ok(match &self.transport {
-            Transport::Shared(connection) => Wakeup::Shared(Box::new(connection.wakeup(&name)?)),
+            Transport::Shared(connection) => Wakeup::Shared(Box::new(connection.wakeup(&topic.row, &name)?)),
             Transport::Local(bus) => Wakeup::Local(bus.wakeup(&name, PayloadType::of::<T>())?),
         })
     }

@@ -146,6 +146,13 @@ pub enum StartError {
     },
 }
 
+impl StartError {
+    /// Whether another start may succeed at once: a place was taken that somebody will leave.
+    pub fn passes(&self) -> bool {
+        matches!(self, Self::Topic(OpenError::Taken { .. }))
+    }
+}
+
 impl fmt::Display for StartError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

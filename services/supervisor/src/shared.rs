@@ -57,16 +57,21 @@ impl SupervisorTopics {
             // A process and its shadow publish on the same topic.
             heartbeats.push(session.input(topics::HEALTH, process)?.of_all_producers());
         }
+        let held = hold_all(&session, config, processes)?;
+        let events = session.output(topics::EVENT, "", generation)?;
+        let status = session.output(topics::SYSTEM_STATUS, "", generation)?;
+        let control = session.output(topics::CONTROL, "", generation)?;
+        session.reserve()?;
         Ok(Self {
             heartbeats,
-            events: session.output(topics::EVENT, "", generation)?,
-            status: session.output(topics::SYSTEM_STATUS, "", generation)?,
-            control: session.output(topics::CONTROL, "", generation)?,
+            events,
+            status,
+            control,
             status_sample: Box::default(),
             status_due: Timestamp::NEVER,
             control_sample: Box::default(),
             control_due: Timestamp::NEVER,
-            _held: hold_all(&session, config, processes)?,
+            _held: held,
             _session: session,
         })
     }

@@ -14,7 +14,7 @@ const PERIOD: Duration = Duration::from_millis(3);
 /// Readers that go on; they end with this.
 #[derive(Debug)]
 pub struct Readers {
-    _threads: Vec<Disturber>,
+    _thread: Disturber,
 }
 
 impl Readers {
@@ -23,35 +23,39 @@ impl Readers {
     /// # Errors
     /// A topic has no room for so many.
     pub fn start(instance: &Instance, count: u32) -> Result<Self, Problem> {
-        let start = |number| {
-            let instance = instance.clone();
-            let words = format!("reader {number} of {count}");
-            Disturber::start(&words, move |stop, ready| read(&instance, stop, ready))
-        };
-        // Where one fails, those before end.
-        let threads: Result<_, _> = (1..=count).map(start).collect();
-        threads.map(|threads| Self { _threads: threads })
+        let instance = instance.clone();
+        let words = format!("{count} readers");
+        let thread = Disturber::start(&words, move |stop, ready| read(&instance, count, stop, ready));
+        thread.map(|thread| Self { _thread: thread })
     }
 }
 
-fn read(instance: &Instance, stop: &AtomicBool, ready: &Ready) -> Result<(), OpenError> {
-    let session = Session::open(instance, "cli")?;
-    let mut cloud = session.input(topics::RANGE_CLOUD, &lidar_name(0))?;
-    let mut map = session.input(topics::LOCAL_MAP, "")?;
-    let mut approved = session.input(topics::APPROVED, "")?;
+/// As one program: of those that only look on, few may open what is large.
+fn read(instance: &Instance, count: u32, stop: &AtomicBool, ready: &Ready) -> Result<(), OpenError> {
+    let session = Session::open(instance, topics::SPECTATOR)?;
+    let mut readers = Vec::new();
+    for _ in 0..count {
+        readers.push((
+            session.input(topics::RANGE_CLOUD, &lidar_name(0))?,
+            session.input(topics::LOCAL_MAP, "")?,
+            session.input(topics::APPROVED, "")?,
+        ));
+    }
     begins(ready);
     while !stop.load(Ordering::Relaxed) {
         let at = now();
-        // Looked at where they lie, as every reader does.
-        let newest = [
-            cloud.latest(at).fresh().map(|cloud| cloud.header.capture),
-            map.latest(at).fresh().map(|map| map.header.capture),
-            approved
-                .latest(at)
-                .fresh()
-                .map(|approved| approved.header.capture),
-        ];
-        std::hint::black_box(newest);
+        for (cloud, map, approved) in &mut readers {
+            // Looked at where they lie, as every reader does.
+            let newest = [
+                cloud.latest(at).fresh().map(|cloud| cloud.header.capture),
+                map.latest(at).fresh().map(|map| map.header.capture),
+                approved
+                    .latest(at)
+                    .fresh()
+                    .map(|approved| approved.header.capture),
+            ];
+            std::hint::black_box(newest);
+        }
         std::thread::sleep(PERIOD);
     }
     Ok(())

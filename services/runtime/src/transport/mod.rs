@@ -15,6 +15,7 @@
 #![allow(unsafe_code)]
 
 pub(crate) mod local;
+mod pool;
 pub(crate) mod shared;
 
 use jink_shared_types::SampleHeader;

@@ -5,16 +5,20 @@
 #![allow(unsafe_code)]
 
 use super::PayloadType;
+use super::pool::Pool;
 use crate::cleanup;
 use crate::instance::Instance;
 use crate::open_error::OpenError;
-use iceoryx2::node::{Node, NodeBuilder};
+use crate::room;
+use iceoryx2::node::{Node, NodeBuilder, NodeDetails, NodeState, NodeView};
 use iceoryx2::port::listener::{Listener, ListenerCreateError};
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::{FileDescriptorBased, NodeName, ServiceName, SignalHandlingMode, ipc};
+use iceoryx2::prelude::{
+    CallbackProgression, FileDescriptorBased, NodeName, ServiceName, SignalHandlingMode, ipc,
+};
 use iceoryx2::service::Service as _;
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
@@ -22,23 +26,24 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
 use iceoryx2::service::messaging_pattern::MessagingPattern;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::port_factory::{PortFactory, event, publish_subscribe};
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as MessagingPatternConfig;
 use jink_shared_types::SampleHeader;
-use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, MAX_PUBLISHERS, TopicRow};
+use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, SPECTATOR, TopicRow};
 use std::fmt;
 use std::mem::MaybeUninit;
 use std::os::fd::BorrowedFd;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Processes that may be woken by one topic: every one and its shadow by the control record.
 const MAX_LISTENERS: usize = 40;
 /// Opening may meet a service in the middle of its creation or destruction by somebody else: those answers pass.
 const OPEN_ATTEMPTS: u32 = 50;
 const OPEN_RETRY: Duration = Duration::from_millis(4);
-/// How often places of the dead are looked for where all are taken.
-const ROOM_ATTEMPTS: u32 = 10;
+/// How long places of the dead, and their memory, are looked for where nothing is left. A service that then ends has lived so long
+/// that its restarts never are too many for their period.
+const ROOM_PATIENCE: Duration = Duration::from_millis(1500);
 
 /// iceoryx2's own type for payloads that are described when they are opened: it sees bytes.
 type Bytes = [CustomPayloadMarker];
@@ -51,6 +56,8 @@ type EventFactory = event::PortFactory<ipc::Service>;
 pub(crate) struct Connection {
     node: Node<ipc::Service>,
     instance: Instance,
+    /// It only looks on: the places of the services are not for it.
+    is_spectator: bool,
 }
 
 impl Connection {
@@ -59,6 +66,12 @@ impl Connection {
             topic: format!("instance {instance}"),
             cause,
         };
+        instance
+            .make_folder()
+            .map_err(|error| failed(error.to_string()))?;
+        with_patience(instance, program == SPECTATOR, || {
+            room::has(&format!("instance {instance}"), room::TO_JOIN_BYTES)
+        })?;
         let config = instance
             .iceoryx_config()
             .ok_or_else(|| failed("its folder is no valid path".to_owned()))?;
@@ -69,9 +82,20 @@ impl Connection {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|error| failed(format!("{error:?}")))?;
+        instance
+            .close_to_others()
+            .map_err(|error| failed(error.to_string()))?;
         Ok(Self {
             node,
             instance: instance.clone(),
+            is_spectator: program == SPECTATOR,
+        })
+    }
+
+    /// Takes what memory the instance's small files lack; what that takes of large ones, their publishers do.
+    pub(crate) fn reserve(&self) -> Result<(), OpenError> {
+        with_patience(&self.instance, self.is_spectator, || {
+            room::take_small(&self.instance)
         })
     }
 
@@ -82,24 +106,54 @@ impl Connection {
         payload: PayloadType,
     ) -> Result<Publisher, OpenError> {
         let factory = self.pub_sub(row, name, payload)?;
+        self.leave_places(&factory, row, name)?;
+        with_patience(&self.instance, self.is_spectator, || {
+            room::has(name, row.reserved_bytes() as u64)
+        })?;
         let make = || {
             factory
                 .publisher_builder()
                 .max_loaned_samples(MAX_LOANED)
                 .create()
         };
-        let publisher = self.with_room(make).map_err(|error| transport(name, &error))?;
+        let publisher = self.with_room(make).map_err(|error| refused(name, &error))?;
         let notifier = match row.wakes {
             true => {
-                let event = self.event(name)?;
+                let event = self.event(row, name)?;
                 let notifier = self.with_room(|| event.notifier_builder().create());
-                Some(notifier.map_err(|error| transport(name, &error))?)
+                Some(notifier.map_err(|error| refused(name, &error))?)
             }
             false => None,
         };
+        let mut publisher = Publisher {
+            publisher,
+            notifier,
+            pool: None,
+        };
+        if row.reserved_slots() < row.slots() {
+            let mut pool = publisher.pool(&self.instance, &factory, row, name)?;
+            with_patience(&self.instance, self.is_spectator, || {
+                pool.take(row.reserved_slots())
+            })?;
+            publisher.pool = Some(pool);
+        }
         // Connect to the readers that are there already; others are found at the next sample.
-        let _not_yet = publisher.update_connections();
-        Ok(Publisher { publisher, notifier })
+        publisher.connect();
+        Ok(publisher)
+    }
+
+    /// Refuses a spectator for whom there is no place besides those of the services. The dead are no spectators.
+    fn leave_places(&self, factory: &PubSubFactory, row: &TopicRow, name: &str) -> Result<(), OpenError> {
+        if self.is_spectator && spectators(factory) > row.spectators() {
+            cleanup::sweep(&self.instance);
+            if spectators(factory) > row.spectators() {
+                return Err(OpenError::TooManySpectators {
+                    topic: name.to_owned(),
+                    most: row.spectators(),
+                });
+            }
+        }
+        Ok(())
     }
 
     pub(crate) fn subscriber(
@@ -108,13 +162,19 @@ impl Connection {
         name: &str,
         payload: PayloadType,
     ) -> Result<Subscriber, OpenError> {
-        self.subscriber_of(&self.pub_sub(row, name, payload)?, name)
+        self.subscriber_of(&self.pub_sub(row, name, payload)?, row, name)
     }
 
-    fn subscriber_of(&self, factory: &PubSubFactory, name: &str) -> Result<Subscriber, OpenError> {
+    fn subscriber_of(
+        &self,
+        factory: &PubSubFactory,
+        row: &TopicRow,
+        name: &str,
+    ) -> Result<Subscriber, OpenError> {
+        self.leave_places(factory, row, name)?;
         let subscriber = self
             .with_room(|| factory.subscriber_builder().create())
-            .map_err(|error| transport(name, &error))?;
+            .map_err(|error| refused(name, &error))?;
         // Without this a publisher that is idle now would not be connected before its next sample.
         let _not_yet = subscriber.update_connections();
         Ok(Subscriber(subscriber))
@@ -122,9 +182,10 @@ impl Connection {
 
     /// What `make` makes; where all places are taken, those of the dead are freed first.
     fn with_room<T, E: Place>(&self, mut make: impl FnMut() -> Result<T, E>) -> Result<T, E> {
-        for _ in 0..ROOM_ATTEMPTS {
+        let begin = Instant::now();
+        loop {
             match make() {
-                Err(error) if error.is_taken() => {
+                Err(error) if error.is_taken() && begin.elapsed() < ROOM_PATIENCE => {
                     cleanup::sweep(&self.instance);
                     // Somebody else may be at it.
                     std::thread::sleep(OPEN_RETRY);
@@ -132,11 +193,10 @@ impl Connection {
                 answer => return answer,
             }
         }
-        make()
     }
 
     /// Opens a topic as whoever created it has described it; `None` if there is none.
-    pub(crate) fn raw_subscriber(&self, name: &str) -> Result<Option<RawInput>, OpenError> {
+    pub(crate) fn raw_subscriber(&self, row: &TopicRow, name: &str) -> Result<Option<RawInput>, OpenError> {
         let service = service_name(name)?;
         let found = ipc::Service::details(&service, self.node.config(), MessagingPattern::PublishSubscribe)
             .map_err(|error| transport(name, &error))?;
@@ -156,17 +216,17 @@ impl Connection {
         let builder = unsafe { builder.__internal_set_user_header_type_details(&header_type()) };
         let factory = builder.open().map_err(|error| transport(name, &error))?;
         Ok(Some(RawInput {
-            subscriber: self.subscriber_of(&factory, name)?,
+            subscriber: self.subscriber_of(&factory, row, name)?,
             type_name: payload.type_name().to_string(),
             size: payload.size(),
         }))
     }
 
-    pub(crate) fn wakeup(&self, name: &str) -> Result<Wakeup, OpenError> {
-        let event = self.event(name)?;
+    pub(crate) fn wakeup(&self, row: &TopicRow, name: &str) -> Result<Wakeup, OpenError> {
+        let event = self.event(row, name)?;
         self.with_room(|| event.listener_builder().create())
             .map(Wakeup)
-            .map_err(|error| transport(name, &error))
+            .map_err(|error| refused(name, &error))
     }
 
     /// What keeps the topic there.
@@ -177,7 +237,7 @@ impl Connection {
         payload: PayloadType,
     ) -> Result<Box<dyn std::any::Any>, OpenError> {
         let samples = self.pub_sub(row, name, payload)?;
-        let events = row.wakes.then(|| self.event(name)).transpose()?;
+        let events = row.wakes.then(|| self.event(row, name)).transpose()?;
         Ok(Box::new((samples, events)))
     }
 
@@ -214,23 +274,60 @@ impl Connection {
                 topic: name.to_owned(),
                 ours: payload.name,
             },
-            other => transport(name, &other),
+            other => refused(name, &other),
         })
     }
 
-    fn event(&self, name: &str) -> Result<EventFactory, OpenError> {
+    fn event(&self, row: &TopicRow, name: &str) -> Result<EventFactory, OpenError> {
         let service = service_name(name)?;
         let open = || {
             self.node
                 .service_builder(&service)
                 .event()
-                .max_notifiers(MAX_PUBLISHERS)
+                .max_notifiers(row.max_publishers())
                 .max_listeners(MAX_LISTENERS)
                 .max_nodes(MAX_NODES)
                 .open_or_create()
         };
         self.with_room(|| retry(open))
-            .map_err(|error| transport(name, &error))
+            .map_err(|error| refused(name, &error))
+    }
+}
+
+/// How many programs that only look on have opened a topic, the dead among them.
+fn spectators(factory: &PubSubFactory) -> usize {
+    let mut count = 0;
+    let mut look = |details: &Option<NodeDetails>| {
+        let name = details.as_ref().map(NodeDetails::name);
+        count += usize::from(name.is_some_and(|name| name.as_str() == SPECTATOR));
+    };
+    // Who cannot be looked at is none of ours.
+    let _incomplete = factory.nodes(|node| {
+        match &node {
+            NodeState::Alive(node) => look(node.details()),
+            NodeState::Dead(node) => look(node.details()),
+            NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
+        }
+        CallbackProgression::Continue
+    });
+    count
+}
+
+/// What `take` takes of the memory; where none is left, that of the dead is freed first. A spectator does not wait for it.
+fn with_patience(
+    instance: &Instance,
+    is_spectator: bool,
+    mut take: impl FnMut() -> Result<(), OpenError>,
+) -> Result<(), OpenError> {
+    let begin = Instant::now();
+    loop {
+        match take() {
+            Err(OpenError::NoRoom { .. }) if !is_spectator && begin.elapsed() < ROOM_PATIENCE => {
+                cleanup::sweep(instance);
+                std::thread::sleep(OPEN_RETRY);
+            }
+            answer => return answer,
+        }
     }
 }
 
@@ -239,6 +336,8 @@ pub(crate) struct Publisher {
     publisher: iceoryx2::port::publisher::Publisher<ipc::Service, Bytes, Header>,
     /// Of a topic that wakes its readers.
     notifier: Option<Notifier<ipc::Service>>,
+    /// Of large samples, whose memory is not taken all at once.
+    pool: Option<Pool>,
 }
 
 /// Memory for a sample: mapped shared memory, initialised by the kernel or by an older sample.
@@ -255,7 +354,30 @@ impl Loan {
 impl Publisher {
     pub(crate) fn loan(&mut self) -> Option<Loan> {
         // SAFETY: one element of the payload's fixed size.
-        unsafe { self.publisher.loan_custom_payload(1) }.ok().map(Loan)
+        let mut loan = unsafe { self.publisher.loan_custom_payload(1) }.ok().map(Loan)?;
+        let payload = loan.payload();
+        // To write where no memory is left would end the process.
+        let is_there = self.pool.as_mut().is_none_or(|pool| pool.holds(payload));
+        is_there.then_some(loan)
+    }
+
+    /// The file behind the samples. Nothing is loaned yet, so the first loan is the first slot.
+    fn pool(
+        &mut self,
+        instance: &Instance,
+        factory: &PubSubFactory,
+        row: &TopicRow,
+        name: &str,
+    ) -> Result<Pool, OpenError> {
+        let first = self.loan().map(|mut loan| loan.payload().addr());
+        let quality = factory.static_config();
+        // Whoever has created the topic may have made room for more.
+        let readers = quality.subscriber_max_buffer_size() + quality.subscriber_max_borrowed_samples();
+        let slots = quality.max_subscribers() * readers + quality.history_size() + MAX_LOANED;
+        let id = self.publisher.id().value();
+        first
+            .and_then(|first| Pool::find(instance, id, name, first, row.payload_bytes, slots))
+            .ok_or_else(|| transport(name, &"the file behind its samples is not found"))
     }
 
     pub(crate) fn send(&mut self, loan: Loan, header: SampleHeader) -> bool {
@@ -356,6 +478,16 @@ fn header_type() -> TypeDetail {
 
 fn service_name(name: &str) -> Result<ServiceName, OpenError> {
     ServiceName::new(name).map_err(|error| transport(name, &error))
+}
+
+fn refused<E: Place + fmt::Debug>(topic: &str, error: &E) -> OpenError {
+    match error.is_taken() {
+        true => OpenError::Taken {
+            topic: topic.to_owned(),
+            cause: format!("{error:?}"),
+        },
+        false => transport(topic, error),
+    }
 }
 
 fn transport(topic: &str, error: &impl fmt::Debug) -> OpenError {

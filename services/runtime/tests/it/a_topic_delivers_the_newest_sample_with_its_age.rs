@@ -37,7 +37,7 @@ impl Drop for Place {
 /// Keeps a promise in both.
 fn in_both(test: &str, promise: impl Fn(&Place)) {
     let instance: Instance = format!("rt_{test}_{}", std::process::id()).parse().unwrap();
-    std::fs::create_dir_all(instance.folder()).unwrap();
+    instance.make_folder().unwrap();
     promise(&Place::Shared(instance));
     promise(&Place::Local(LocalBus::new(now())));
 }

@@ -55,7 +55,7 @@ struct Isolated(Instance);
 impl Isolated {
     fn new(test: &str) -> Self {
         let instance: Instance = format!("rt_{test}_{}", std::process::id()).parse().unwrap();
-        std::fs::create_dir_all(instance.folder()).unwrap();
+        instance.make_folder().unwrap();
         Self(instance)
     }
 

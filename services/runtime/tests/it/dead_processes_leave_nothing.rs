@@ -31,7 +31,7 @@ fn child() {
 #[test]
 fn whenever_they_are_killed() {
     let instance: Instance = format!("rt_dying_{}", std::process::id()).parse().unwrap();
-    std::fs::create_dir_all(instance.folder()).unwrap();
+    instance.make_folder().unwrap();
     let supervisor = Session::open(&instance, "supervisor").unwrap();
     let _held = [
         supervisor.hold(topics::LINK_STATUS, "").unwrap(),
@@ -78,7 +78,7 @@ fn whenever_they_are_killed() {
 #[test]
 fn their_places_are_for_whoever_comes_next() {
     let instance: Instance = format!("rt_places_{}", std::process::id()).parse().unwrap();
-    std::fs::create_dir_all(instance.folder()).unwrap();
+    instance.make_folder().unwrap();
     let supervisor = Session::open(&instance, "supervisor").unwrap();
     let held = supervisor.hold(topics::LINK_STATUS, "").unwrap();
     let input = supervisor.input(topics::LINK_STATUS, "").unwrap();

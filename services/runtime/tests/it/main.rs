@@ -9,4 +9,6 @@ mod a_wrong_configuration_names_its_place;
 mod builds_that_disagree_refuse_to_meet;
 mod dead_processes_leave_nothing;
 mod each_input_has_one_owner;
+mod memory_is_there_before_the_flight;
+mod spectators_leave_the_services_their_places;
 mod what_makes_no_sense_is_refused_once_for_all;

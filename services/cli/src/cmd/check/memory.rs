@@ -1,17 +1,15 @@
 //! `jink check memory`.
 
 use super::Outcome;
-use jink_cli::memory_need::{TopicNeed, of_topics};
 use jink_control::findings::{Finding, Findings, Grade};
 use jink_control::{Problem, places};
 use jink_runtime::Instance;
-use jink_runtime::config::{Config, process_names};
+use jink_runtime::config::{Config, Foreign, process_names};
+use jink_runtime::room::{self, Need, REMEDY, SHARED_MEMORY, TopicNeed, megabytes};
 use serde_json::{Map, Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-/// Where shared memory lies.
-const SHARED_MEMORY: &str = "/dev/shm";
 /// Topics that are shown one by one.
 const SHOWN: usize = 4;
 
@@ -49,28 +47,29 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
         Ok(resolved) => resolved.config,
         Err(problem) => return Ok(Outcome::Refused(problem.to_string())),
     };
+    let foreign = match Foreign::load(&folder) {
+        Ok(foreign) => foreign,
+        Err(problem) => return Ok(Outcome::Refused(problem.to_string())),
+    };
     // The supervisor publishes, too.
-    let needs = of_topics(process_names(&folder).len() + 1, &config.sensors);
-    let needed: usize = needs.iter().map(|need| need.bytes).sum();
-    let largest = needs.first().map_or(0, |need| need.bytes);
-    let used = used_by(instance);
-    let space = rustix::fs::statvfs(SHARED_MEMORY)
-        .map_err(|errno| Problem::Other(format!("{SHARED_MEMORY}: {errno}")))?;
-    let free = space.f_bavail.saturating_mul(space.f_frsize);
-    let available = usize::try_from(free).unwrap_or(usize::MAX).saturating_add(used);
+    let need = Need::of(process_names(&folder).len() + 1, &config.sensors, &foreign.topics);
+    let used = room::used_bytes(instance);
+    let free = room::available_bytes().map_err(Problem::io(SHARED_MEMORY))?;
+    let available = free.saturating_add(used);
 
-    let mut findings: Vec<Finding> = needs.iter().take(SHOWN).map(of_topic).collect();
+    let mut findings: Vec<Finding> = need.topics.iter().take(SHOWN).map(of_topic).collect();
+    let others = need.topics.get(SHOWN..).unwrap_or_default();
     findings.push(Finding {
         grade: Grade::Good,
         about: "others".to_owned(),
         is: format!(
             "{} topics, {}",
-            needs.len().saturating_sub(SHOWN),
-            megabytes(needs.iter().skip(SHOWN).map(|need| need.bytes).sum())
+            others.len(),
+            megabytes(others.iter().map(|need| need.bytes as u64).sum())
         ),
         remedy: String::new(),
     });
-    findings.push(of_space(needed, largest, available));
+    findings.push(of_space(&need, available));
     if used > 0 {
         findings.push(Finding {
             grade: Grade::Good,
@@ -79,6 +78,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
             remedy: String::new(),
         });
     }
+    findings.extend(of_rights(&instance.open_to_others()));
     let findings = Findings {
         findings,
         subject: format!("shared memory in {SHARED_MEMORY}"),
@@ -86,7 +86,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
     };
     Ok(Outcome::Found(
         findings,
-        figures(&needs, needed, available, used),
+        figures(&need, available, used),
         String::new(),
     ))
 }
@@ -100,31 +100,42 @@ fn of_topic(need: &TopicNeed) -> Finding {
         grade: Grade::Good,
         about: "topic".to_owned(),
         is: format!(
-            "{}: {publishers}{} samples, {}",
+            "{}: {publishers}{} samples, {}{}",
             need.topic,
             need.slots,
-            megabytes(need.bytes)
+            megabytes(need.bytes as u64),
+            match need.reserved_bytes < need.bytes {
+                true => format!(", {} of it at the start", megabytes(need.reserved_bytes as u64)),
+                false => String::new(),
+            }
         ),
         remedy: String::new(),
     }
 }
 
-fn of_space(needed: usize, largest: usize, available: usize) -> Finding {
+fn of_space(need: &Need, available: u64) -> Finding {
+    let (reserved, most) = (need.reserved_bytes() as u64, need.most_bytes() as u64);
+    let largest = need.topics.iter().map(|topic| topic.reserved_bytes as u64).max();
+    let largest = largest.unwrap_or(0);
     let is = format!(
-        "{} needed, {} available; swapping the process with the largest topic takes {} more for a moment",
-        megabytes(needed),
+        "{} needed at the start, {} available; swapping the process with the largest topic takes {} more for a moment, \
+         and {} is all that readers can hold",
+        megabytes(reserved),
         megabytes(available),
-        megabytes(largest)
+        megabytes(largest),
+        megabytes(most)
     );
-    let (grade, remedy) = if needed > available {
-        (
-            Grade::Blocker,
-            "make /dev/shm larger (mount -o remount,size=256M /dev/shm) or configure fewer sensors",
-        )
-    } else if needed + largest > available {
+    let (grade, remedy) = if reserved > available {
+        (Grade::Blocker, REMEDY)
+    } else if reserved + largest > available {
         (
             Grade::Warning,
             "do not swap that process, or make /dev/shm larger",
+        )
+    } else if most > available {
+        (
+            Grade::Warning,
+            "many slow readers at once would miss samples: make /dev/shm larger",
         )
     } else {
         (Grade::Good, "")
@@ -137,35 +148,36 @@ fn of_space(needed: usize, largest: usize, available: usize) -> Finding {
     }
 }
 
-fn figures(needs: &[TopicNeed], needed: usize, available: usize, used: usize) -> Map<String, Value> {
-    let topics: Vec<Value> = needs
+/// Whether other users may open what is the instance's.
+fn of_rights(open: &[PathBuf]) -> Option<Finding> {
+    let first = open.first()?;
+    Some(Finding {
+        grade: Grade::Warning,
+        about: "rights".to_owned(),
+        is: format!("other users may open {} ({} files)", first.display(), open.len()),
+        remedy: "start jink again; who can write there can end it".to_owned(),
+    })
+}
+
+fn figures(need: &Need, available: u64, used: u64) -> Map<String, Value> {
+    let topics: Vec<Value> = need
+        .topics
         .iter()
-        .map(|need| json!({ "topic": need.topic, "publishers": need.publishers, "slots": need.slots, "bytes": need.bytes }))
+        .map(|need| {
+            json!({
+                "topic": need.topic,
+                "publishers": need.publishers,
+                "slots": need.slots,
+                "bytes": need.bytes,
+                "reserved_bytes": need.reserved_bytes,
+            })
+        })
         .collect();
     let mut figures = Map::new();
-    figures.insert("needed_bytes".to_owned(), json!(needed));
+    figures.insert("needed_bytes".to_owned(), json!(need.reserved_bytes()));
+    figures.insert("most_bytes".to_owned(), json!(need.most_bytes()));
     figures.insert("available_bytes".to_owned(), json!(available));
     figures.insert("used_bytes".to_owned(), json!(used));
     figures.insert("topics".to_owned(), json!(topics));
     figures
-}
-
-/// Sizes of the instance's files in shared memory.
-fn used_by(instance: &Instance) -> usize {
-    let prefix = instance.shm_prefix();
-    let files = std::fs::read_dir(Path::new(SHARED_MEMORY))
-        .into_iter()
-        .flatten()
-        .flatten();
-    files
-        .filter(|file| file.file_name().to_string_lossy().starts_with(&prefix))
-        .filter_map(|file| file.metadata().ok())
-        .filter(std::fs::Metadata::is_file)
-        .map(|metadata| usize::try_from(metadata.len()).unwrap_or(usize::MAX))
-        .sum()
-}
-
-/// With one digit, in millions of bytes.
-fn megabytes(bytes: usize) -> String {
-    format!("{:.1} MB", bytes as f64 * 1e-6)
 }
