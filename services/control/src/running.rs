@@ -3,11 +3,13 @@
 use crate::Problem;
 use jink_runtime::Instance;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Gid, OFlags, Uid};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use rustix::thread::{set_thread_groups, set_thread_res_gid, set_thread_res_uid};
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek};
 use std::os::fd::{AsFd, OwnedFd};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::time::{Duration, Instant};
 
 /// A supervisor that goes on as another binary has the lock again after so long, on a machine that is busy, too.
@@ -21,10 +23,53 @@ pub struct RunningSupervisor {
     handle: OwnedFd,
 }
 
-/// Process id of the supervisor of `instance`, whichever user's it is; `None` if there is none.
+/// Process id of the supervisor of `instance`, whichever user's it is; `None` if there is none, or it is out of reach.
 pub fn holder(instance: &Instance) -> Option<u32> {
-    let mut file = File::open(instance.lock_file()).ok()?;
+    let mut file = open_lock(instance).ok()?;
     held_by(&mut file).ok().flatten()
+}
+
+/// The lock file, and nothing that stands in its place.
+fn open_lock(instance: &Instance) -> std::io::Result<File> {
+    let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
+    File::options()
+        .read(true)
+        .custom_flags(flags.bits().cast_signed())
+        .open(instance.lock_file())
+}
+
+/// Id of the user whose `instance` is; `None` if it has no folder.
+pub fn owner(instance: &Instance) -> Option<u32> {
+    let folder = std::fs::symlink_metadata(instance.folder()).ok()?;
+    Some(folder.uid())
+}
+
+/// Becomes the user whose the instance is, where this one may: what root left in its memory would be in its way, and what stands there
+/// would be read with root's rights.
+fn become_owner(instance: &Instance) -> Result<(), Problem> {
+    let Ok(folder) = std::fs::symlink_metadata(instance.folder()) else {
+        return Ok(());
+    };
+    let us = rustix::process::geteuid();
+    let (user, group) = (folder.uid(), folder.gid());
+    if us.as_raw() == user {
+        return Ok(());
+    }
+    if !us.is_root() {
+        return Err(Problem::Other(format!(
+            "instance {instance} belongs to the user with id {user}, and this is {}: try `sudo`, or be that user",
+            us.as_raw()
+        )));
+    }
+    let (uid, gid) = (Uid::from_raw(user), Gid::from_raw(group));
+    set_thread_groups(&[])
+        .and_then(|()| set_thread_res_gid(gid, gid, gid))
+        .and_then(|()| set_thread_res_uid(uid, uid, uid))
+        .map_err(|errno| {
+            Problem::Other(format!(
+                "instance {instance} belongs to the user with id {user}, which this command cannot become: {errno}"
+            ))
+        })
 }
 
 /// Process id of whoever holds the lock on `file`; `None` if nobody does, and for the instant between taking the lock and writing.
@@ -71,27 +116,17 @@ fn is_of(pid: u32, instance: &Instance) -> bool {
         .any(|pair| pair == [b"--instance", name.as_bytes()])
 }
 
-/// The supervisor of `instance`, if there is one.
+/// The supervisor of `instance`, if there is one. Root becomes the user whose it is.
 ///
 /// # Errors
 /// The instance is another user's: its memory and its processes are out of reach.
 pub fn find(instance: &Instance) -> Result<Option<RunningSupervisor>, Problem> {
+    become_owner(instance)?;
     let path = instance.lock_file();
-    let mut file = match File::open(&path) {
+    let mut file = match open_lock(instance) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         other => other.map_err(Problem::io(path.display().to_string()))?,
     };
-    let owner = file
-        .metadata()
-        .map_err(Problem::io(path.display().to_string()))?
-        .uid();
-    let us = rustix::process::geteuid();
-    if !us.is_root() && us.as_raw() != owner {
-        return Err(Problem::Other(format!(
-            "instance {instance} belongs to the user with id {owner}, and this is {}: try `sudo`, or be that user",
-            us.as_raw()
-        )));
-    }
     let held_by = held_by_or_soon(&mut file, instance).map_err(Problem::io(path.display().to_string()))?;
     // It may have ended meanwhile.
     let pid = held_by.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?));

@@ -30,7 +30,7 @@ pub struct Args {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Listed {
     name: String,
-    /// `running`, `unsupervised` (its supervisor was killed) or `ended`.
+    /// `running`, `unsupervised` (its supervisor was killed), `ended`, or `of another user`, whose it is to say.
     state: &'static str,
     /// Process id of the supervisor.
     supervisor: Option<u32>,
@@ -72,12 +72,14 @@ const ENDED: &str = "ended";
 
 /// `None` where it has just been removed.
 fn look(instance: &Instance) -> Option<Listed> {
-    let metadata = std::fs::metadata(instance.folder()).ok()?;
+    let metadata = std::fs::symlink_metadata(instance.folder()).ok()?;
+    let us = rustix::process::geteuid();
     let supervisor = running::holder(instance);
     Some(Listed {
         name: instance.to_string(),
         state: match supervisor {
             Some(_) => "running",
+            None if metadata.uid() != us.as_raw() && !us.is_root() => "of another user",
             None if running::has_orphans(instance) => "unsupervised",
             None => ENDED,
         },

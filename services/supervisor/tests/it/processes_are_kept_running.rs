@@ -85,6 +85,28 @@ fn what_cannot_start_ends_the_start_with_its_own_words() {
     let reason =
         "cannot start: two ended with exit code 78: stand_in cannot start: a device: it is not plugged in";
     assert!(log.contains(reason), "{log}");
+    let folder = rig.instance.folder();
+    assert!(!folder.exists(), "nothing is left of it: {}", folder.display());
+}
+
+#[test]
+fn a_folder_that_others_may_write_to_is_refused() {
+    use std::os::unix::fs::PermissionsExt;
+    let mut rig = Rig::new(&[row("one", "[]", "")]);
+    let folder = rig.instance.folder();
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::set_permissions(&folder, PermissionsExt::from_mode(0o777)).unwrap();
+    rig.start();
+    let (status, log) = rig.ended();
+    assert_eq!(status.code(), Some(78));
+    let reason = "can be written by other users; remove it";
+    assert!(log.contains(reason), "{log}");
+    assert_eq!(
+        std::fs::read_dir(&folder).unwrap().count(),
+        0,
+        "nothing is written there"
+    );
+    std::fs::remove_dir(&folder).unwrap();
 }
 
 #[test]

@@ -269,10 +269,12 @@ impl Children {
         self.slots.iter().map(|slot| slot.row.rules.name.as_str())
     }
 
-    /// Takes over a process that an earlier supervisor has started.
-    pub fn adopt(&mut self, index: usize, pid: u32, handle: OwnedFd, program: PathBuf) {
+    /// Takes over a process that an earlier supervisor has started, and its program if that is known.
+    pub fn adopt(&mut self, index: usize, pid: u32, handle: OwnedFd, program: Option<PathBuf>) {
         if let Some(slot) = self.slots.get_mut(index) {
-            slot.row.program = program;
+            if let Some(program) = program {
+                slot.row.program = program;
+            }
             slot.running = Some(Running {
                 pid,
                 child: None,

@@ -2,10 +2,12 @@
 //! memory that comes with it.
 
 use jink_runtime::Instance;
+use rustix::fs::OFlags;
+use std::cell::Cell;
 use std::fmt;
 use std::fs::{File, TryLockError};
 use std::io::{Read, Write};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -23,6 +25,8 @@ pub enum InstanceLockError {
         /// The other supervisor's process id, as it wrote it down.
         pid: String,
     },
+    /// Its folder cannot be made, or is not ours alone.
+    Folder(std::io::Error),
     /// The lock file cannot be made.
     Io {
         /// The lock file.
@@ -39,6 +43,7 @@ impl fmt::Display for InstanceLockError {
                 f,
                 "instance {instance} is already up, held by the supervisor with process id {pid}"
             ),
+            Self::Folder(cause) => write!(f, "{cause}"),
             Self::Io { path, cause } => write!(f, "{}: {cause}", path.display()),
         }
     }
@@ -50,6 +55,8 @@ impl std::error::Error for InstanceLockError {}
 pub struct InstanceLock {
     instance: Instance,
     lock: File,
+    /// What is in the folder is of this run.
+    is_cleared: Cell<bool>,
 }
 
 impl InstanceLock {
@@ -61,12 +68,13 @@ impl InstanceLock {
             cause,
         };
         for _ in 0..ATTEMPTS {
-            std::fs::create_dir_all(instance.folder()).map_err(failed)?;
+            instance.make_folder().map_err(InstanceLockError::Folder)?;
             let open = File::options()
                 .create(true)
                 .truncate(false)
                 .read(true)
                 .write(true)
+                .custom_flags(OFlags::NOFOLLOW.bits().cast_signed())
                 .open(&path);
             let file = match open {
                 // The folder was removed by a supervisor that is just ending.
@@ -80,6 +88,7 @@ impl InstanceLock {
                     return Ok(Self {
                         instance: instance.clone(),
                         lock: file,
+                        is_cleared: Cell::new(false),
                     });
                 }
                 Ok(()) => {}
@@ -100,18 +109,19 @@ impl InstanceLock {
         writeln!(&self.lock, "{}", std::process::id())
     }
 
-    /// Lets go without a start: leaves what was there before, and no folder if there was none.
+    /// Lets go without a start: leaves what an earlier run had left if it was not cleared yet, and no folder otherwise.
     pub fn abandon(&self) {
         let folder = self.instance.folder();
         let holds_more = std::fs::read_dir(&folder).is_ok_and(|entries| entries.count() > 1);
-        if !holds_more {
+        if self.is_cleared.get() || !holds_more {
             // A folder that stays is found and removed like that of any run.
-            let _stays = std::fs::remove_dir_all(folder);
+            let _stays = self.release();
         }
     }
 
     /// Removes everything the instance left in memory, logs included.
     pub fn clear(&self) -> std::io::Result<()> {
+        self.is_cleared.set(true);
         self.instance.wipe()
     }
 

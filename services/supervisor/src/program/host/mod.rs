@@ -31,7 +31,8 @@ use crate::supervision::{End, Supervision};
 use crate::table::{ProcessRow, ProcessTable};
 use children::{Children, Launch};
 use instance_lock::InstanceLock;
-use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE, Resolved};
+use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE, Resolved, process_names};
+use jink_runtime::room::Need;
 use jink_runtime::service::EXIT_CANNOT_START;
 use jink_runtime::{Instance, ParamStore, Session};
 use jink_shared_types::Timestamp;
@@ -41,11 +42,12 @@ use record::{ProcessRecord, SurvivingProcess};
 use requests::Requests;
 use rustix::process::{Signal, pidfd_send_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
+use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use sweeper::Sweeper;
-use system::System;
+use system::{Report, System};
 
 /// A process was given up whose row says that the system then stops (EX_SOFTWARE of sysexits.h).
 const EXIT_GAVE_UP: u8 = 70;
@@ -64,19 +66,59 @@ pub fn run(args: &Args) -> ExitCode {
 }
 
 fn start(args: &Args) -> Result<ExitCode, Failure> {
-    let programs = program_folder()?;
     let lock = InstanceLock::take(&args.instance)?;
     let record = ProcessRecord::new(&args.instance);
     let surviving = record.surviving();
-    let (config, rows) = if surviving.is_empty() {
-        let (resolved, rows) = match configured(args, &programs) {
-            Ok(configured) => configured,
-            Err(error) => {
+    let is_first = surviving.is_empty();
+    // What is said here is all that is left of a start that fails.
+    let mut terminal = None;
+    let run = supervise(args, &lock, record, surviving, &mut terminal);
+    let has_failed = match &run {
+        Ok(run) => matches!(run.end, End::CannotStart { .. }),
+        Err(_) => true,
+    };
+    if let Some(terminal) = terminal.filter(|_| has_failed) {
+        rustix::stdio::dup2_stderr(terminal)?;
+    }
+    let run = match run {
+        Ok(run) => run,
+        Err(error) => {
+            if is_first {
                 lock.abandon();
-                return Err(error);
             }
-        };
+            return Err(error);
+        }
+    };
+    let code = conclude(run.end, &run.report.reason);
+    // Of a start that could not be, all has been said.
+    if !has_failed && (args.keep_logs || run.report.any_failed || run.end != End::Stopped) {
+        let folder = lock.clear_but_logs()?;
+        tracing::info!("logs are kept in {}", folder.display());
+    } else {
+        lock.release()?;
+    }
+    Ok(code)
+}
+
+/// How a run has ended.
+struct Run {
+    end: End,
+    report: Report,
+}
+
+/// One run, to its end. Standard error is kept in `terminal` where the log goes into a file instead.
+fn supervise(
+    args: &Args,
+    lock: &InstanceLock,
+    record: ProcessRecord,
+    surviving: Vec<SurvivingProcess>,
+    terminal: &mut Option<OwnedFd>,
+) -> Result<Run, Failure> {
+    let programs = program_folder()?;
+    let (config, rows) = if surviving.is_empty() {
+        let (resolved, rows) = configured(args, &programs)?;
         lock.clear()?;
+        has_room(args, &resolved.config)?;
         lock.announce()?;
         keep_configuration(args, &resolved.text)?;
         ParamStore::of(&resolved.config, &args.instance).begin_run()?;
@@ -93,6 +135,7 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     std::fs::create_dir_all(args.instance.log_folder())?;
     if args.log_to_file {
         let mut log = LogFile::new(&args.instance, "supervisor");
+        *terminal = Some(rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stderr(), 0)?);
         rustix::stdio::dup2_stderr(log.open()?)?;
     }
     let stop_signal = signals()?;
@@ -124,14 +167,7 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     }
     let end = system.run();
     let report = system.into_report();
-    let code = conclude(end, &report.reason);
-    if report.any_failed || end != End::Stopped || args.keep_logs {
-        let folder = lock.clear_but_logs()?;
-        tracing::info!("logs are kept in {}", folder.display());
-    } else {
-        lock.release()?;
-    }
-    Ok(code)
+    Ok(Run { end, report })
 }
 
 /// The configuration that the command line asks for, and the processes of it.
@@ -147,6 +183,14 @@ fn configured(args: &Args, programs: &Path) -> Result<(Resolved, Vec<ProcessRow>
     Ok((resolved, rows))
 }
 
+/// Refuses a configuration whose samples have no room: in flight that would end a process by a signal.
+fn has_room(args: &Args, config: &Config) -> Result<(), Failure> {
+    let foreign = Foreign::load(&args.config)?;
+    // The supervisor publishes, too.
+    let processes = process_names(&args.config).len() + 1;
+    Ok(Need::of(processes, &config.sensors, &foreign.topics).has_room()?)
+}
+
 /// Adopts what an earlier supervisor has started; returns how many. Second instances are ended: what they
 /// were for was known to that supervisor only.
 fn adopt(
@@ -156,12 +200,17 @@ fn adopt(
     now: Timestamp,
 ) -> u32 {
     let mut adopted = 0;
-    for SurvivingProcess { entry, handle } in surviving {
+    for SurvivingProcess {
+        entry,
+        handle,
+        program,
+    } in surviving
+    {
         match (entry.found, children.find(&entry.name)) {
             (Some(found), Some(index)) => {
                 tracing::info!(process = entry.name, pid = entry.pid, "adopted");
                 supervision.adopt(index, &found, now);
-                children.adopt(index, entry.pid, handle, entry.program);
+                children.adopt(index, entry.pid, handle, program);
                 adopted += 1;
             }
             _ => {

@@ -1,16 +1,17 @@
 //! Which processes were started, in a file of the instance's folder: one JSON object a line. A supervisor that was
 //! killed leaves its children flying; the next one finds them here, and adopts them.
 //!
-//! A number alone is no proof, process ids are used again: a process only counts as one of the instance's if its own
-//! command line has so.
+//! A number alone is no proof, process ids are used again: a process only counts as one of the instance's if it is this user's, and
+//! its own command line has so.
 
 use crate::supervision::Adopted;
-use jink_runtime::Instance;
+use jink_runtime::{Instance, programs};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
 use std::os::fd::{AsFd, OwnedFd};
-use std::path::PathBuf;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
 
 /// From SIGTERM to SIGKILL (s).
 const PATIENCE_S: i64 = 1;
@@ -36,6 +37,8 @@ pub struct SurvivingProcess {
     pub entry: RecordEntry,
     /// Its handle.
     pub handle: OwnedFd,
+    /// The program on record, if it is what runs: anything else is no reason to start it again.
+    pub program: Option<PathBuf>,
 }
 
 /// [`Adopted`] as the numbers it consists of.
@@ -141,10 +144,41 @@ impl ProcessRecord {
         // The handle first: what the command line then proves holds for the handle, whatever becomes of the number.
         let pid = Pid::from_raw(i32::try_from(entry.pid).ok()?)?;
         let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
-        let command_line = std::fs::read(format!("/proc/{}/cmdline", entry.pid)).ok()?;
-        is_of(&command_line, &self.instance.to_string(), &entry.name)
-            .then_some(SurvivingProcess { entry, handle })
+        let of_kernel = PathBuf::from(format!("/proc/{}", entry.pid));
+        let command_line = std::fs::read(of_kernel.join("cmdline")).ok()?;
+        let status = std::fs::read_to_string(of_kernel.join("status")).ok()?;
+        if !is_users(&status, rustix::process::geteuid().as_raw())
+            || !is_of(&command_line, &self.instance.to_string(), &entry.name)
+        {
+            return None;
+        }
+        let file = std::fs::read_link(of_kernel.join("exe")).ok();
+        let runs = file.is_some_and(|file| is_program(&entry.program, &file, &command_line));
+        Some(SurvivingProcess {
+            program: runs.then(|| entry.program.clone()),
+            entry,
+            handle,
+        })
     }
+}
+
+/// Whether a process belongs to user `id`: its `status`, as in /proc, has so of the real and of the effective one.
+fn is_users(status: &str, id: u32) -> bool {
+    let ids = status.lines().find_map(|line| line.strip_prefix("Uid:"));
+    let mut ids = ids.unwrap_or_default().split_whitespace();
+    let id = id.to_string();
+    ids.next() == Some(&id) && ids.next() == Some(&id)
+}
+
+/// Whether a process that was started from `file` with this command line runs `program`, which may be a script.
+fn is_program(program: &Path, file: &Path, command_line: &[u8]) -> bool {
+    let program = programs::file_of(program);
+    let file = file.to_string_lossy();
+    // The kernel's word for a file that has been replaced since.
+    let file = Path::new(file.strip_suffix(" (deleted)").unwrap_or(&file));
+    let is_file = program.canonicalize().is_ok_and(|program| program == file);
+    let script = command_line.split(|byte| *byte == 0).nth(1);
+    is_file || script == Some(program.as_os_str().as_bytes())
 }
 
 /// Whether a command line (arguments ended by zeros, as in /proc) is that of process `name` of `instance`.
@@ -169,7 +203,31 @@ fn ended_within(handle: &OwnedFd, seconds: i64) -> std::io::Result<bool> {
 
 #[cfg(test)]
 mod tests {
-    use super::is_of;
+    use super::{is_of, is_program, is_users};
+    use std::path::Path;
+
+    #[test]
+    fn only_this_users_processes_count() {
+        let status = "Name:\tjink-planner\nUid:\t7\t7\t7\t7\nGid:\t8\t8\t8\t8\n";
+        assert!(is_users(status, 7));
+        assert!(!is_users(status, 8) && !is_users("", 0) && !is_users("Uid:\t7\t0\t0\t0\n", 0));
+    }
+
+    #[test]
+    fn a_program_is_believed_if_it_is_what_runs() {
+        let own = std::env::current_exe().unwrap();
+        let replaced = format!("{} (deleted)", own.display());
+        assert!(is_program(&own, &own, b""));
+        assert!(is_program(&own, Path::new(&replaced), b""));
+        assert!(!is_program(
+            &own,
+            Path::new("/usr/bin/python3"),
+            b"python3\0other\0"
+        ));
+        let script = format!("python3\0{}\0--process\0", own.display());
+        assert!(is_program(&own, Path::new("/usr/bin/python3"), script.as_bytes()));
+        assert!(!is_program(Path::new("/nowhere"), &own, b""));
+    }
 
     #[test]
     fn only_a_command_line_that_says_so_belongs_to_the_instance() {

@@ -225,7 +225,7 @@ mod tests {
 
     fn listening(test: &str) -> (Instance, Requests) {
         let instance: Instance = format!("req_{test}_{}", std::process::id()).parse().unwrap();
-        std::fs::create_dir_all(instance.folder()).unwrap();
+        instance.make_folder().unwrap();
         let requests = Requests::listen(&instance).unwrap();
         (instance, requests)
     }
