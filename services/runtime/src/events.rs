@@ -43,11 +43,12 @@ impl EventSender {
     /// Publishes a finished event, as the pure steps return them.
     pub fn publish(&mut self, now: Timestamp, sample: &EventSample) {
         let text = sample.text();
+        let (event, numbers) = (sample.id, sample.unsaid_numbers().map(tracing::field::debug));
         match sample.severity.get() {
-            Severity::Debug => tracing::debug!(event = sample.id, "{text}"),
-            Severity::Info | Severity::Notice => tracing::info!(event = sample.id, "{text}"),
-            Severity::Warning => tracing::warn!(event = sample.id, "{text}"),
-            severity => tracing::error!(event = sample.id, severity = severity.name(), "{text}"),
+            Severity::Debug => tracing::debug!(event, numbers, "{text}"),
+            Severity::Info | Severity::Notice => tracing::info!(event, numbers, "{text}"),
+            Severity::Warning => tracing::warn!(event, numbers, "{text}"),
+            severity => tracing::error!(event, numbers, severity = severity.name(), "{text}"),
         }
         let sample = EventSample {
             process: self.process,

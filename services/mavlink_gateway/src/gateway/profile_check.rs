@@ -126,7 +126,9 @@ impl ProfileCheck {
             return None;
         }
         self.reported = reported;
-        update
+        // Who was told that it does not fit is told that it does.
+        let fits = self.found == ProfileFit::Fits;
+        update.or(fits.then_some((&PROFILE_CHOSEN, profile.name())))
     }
 }
 

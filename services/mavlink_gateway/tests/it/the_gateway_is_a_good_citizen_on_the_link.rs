@@ -408,7 +408,12 @@ fn news_reach_the_pilot_as_one_line_each() {
             ),
             (
                 MavSeverity::MAV_SEVERITY_WARNING,
-                "jink: planner restarted in 12 ms".to_owned()
+                "jink: planner restarted".to_owned()
+            ),
+            // That it is connected has been so for a second.
+            (
+                MavSeverity::MAV_SEVERITY_INFO,
+                "jink: autopilot connected, system 1".to_owned()
             ),
         ]
     );

@@ -42,7 +42,7 @@ fn a_stopped_process_is_a_hang_and_is_replaced() {
     });
     assert_eq!(after.last_exit, 256 + 9, "a hang ends with SIGKILL");
     let (_, log) = rig.stop();
-    assert!(log.contains("hung for"), "{log}");
+    assert!(log.contains(" hung, replaced"), "{log}");
 }
 
 #[test]
