@@ -73,10 +73,22 @@ crate::wire_enum! {
     }
 }
 
+crate::wire_enum! {
+    /// What becomes of the telemetry log.
+    pub enum TelemetryLog {
+        /// None is asked for.
+        None = 0 "none",
+        /// It is written.
+        Written = 1 "written",
+        /// It cannot be begun, or has ended: its disk is full or gone.
+        Lost = 2 "full",
+    }
+}
+
 crate::sample! {
     /// One link's traffic since the gateway's start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkTraffic: 192 {
+    pub struct LinkTraffic: 200 {
         /// Its name; empty = there is no such link.
         pub name: Name,
         /// Bytes sent, per class.
@@ -97,13 +109,17 @@ crate::sample! {
         pub garbage_bytes: u64,
         /// Times the link was opened again.
         pub reopened: u64,
+        /// It is not open: its device is not there.
+        pub is_waited_for: Flag,
+        /// Explicit padding, zero.
+        pub reserved: Reserved<7>,
     }
 }
 
 crate::sample! {
     /// The gateway's counters since its start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkStatus: 12064 {
+    pub struct LinkStatus: 12096 {
         /// Messages received from the autopilot.
         pub received: u64,
         /// Messages that could not be decoded, or came from somebody who does not concern us.
@@ -145,8 +161,8 @@ crate::sample! {
         /// Whole numbers travel in parameter messages as floats (PARAM_ENCODE_C_CAST, ArduPilot), not as bytes
         /// (PARAM_ENCODE_BYTEWISE, PX4).
         pub param_c_cast: Flag,
-        /// Explicit padding, zero.
-        pub reserved: Reserved<1>,
+        /// What becomes of the telemetry log.
+        pub telemetry_log: Coded<TelemetryLog>,
         /// By how much the autopilot's clock runs faster than the board's (ppm); zero where no difference shows.
         pub clock_rate_ppm: i32,
         /// Room for later fields, zero.

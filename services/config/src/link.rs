@@ -32,6 +32,8 @@ pub struct Link {
     pub takes_missions: bool,
     /// Folder for telemetry logs of everything on the links; empty = none.
     pub tlog: String,
+    /// What the telemetry logs of that folder may take (MB); 0 = as much as there is.
+    pub tlog_max_mb: u32,
     /// Folder for what must outlive a restart (the stamps of signatures); empty = the instance's own, in memory.
     pub state: String,
     /// The vehicle's system id; 0 = that of the only autopilot seen.
@@ -58,6 +60,7 @@ impl Default for Link {
             output: "bezier".to_owned(),
             takes_missions: true,
             tlog: String::new(),
+            tlog_max_mb: 1000,
             state: String::new(),
             system_id: 0,
             signing: Signing::Off,

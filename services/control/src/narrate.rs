@@ -2,6 +2,7 @@
 
 use crate::figures::exit_text;
 use jink_shared_types::health::{Health, ProcessStatus, ReplaceReason, ServiceState, SystemStatus};
+use jink_shared_types::link::{LINKS, LinkStatus};
 
 /// Remembers what has been reported.
 #[derive(Clone, Debug, Default)]
@@ -35,6 +36,27 @@ impl Narrator {
             // Each process that starts has a line of its own.
             if health != (Health::Starting, false) {
                 lines.push(health_line(status));
+            }
+        }
+        lines
+    }
+}
+
+/// Remembers which links are waited for.
+#[derive(Clone, Debug, Default)]
+pub struct Waits([bool; LINKS]);
+
+impl Waits {
+    /// What is new in `status` since the last call; the links lead to `addresses`, in the same order.
+    pub fn update(&mut self, status: &LinkStatus, addresses: &[String]) -> Vec<String> {
+        let links = status.links.iter().zip(addresses);
+        let mut lines = Vec::new();
+        for (before, (link, address)) in self.0.iter_mut().zip(links) {
+            let waits = link.is_waited_for.is_set();
+            match (std::mem::replace(before, waits), waits) {
+                (false, true) => lines.push(format!("waiting for {address}")),
+                (true, false) => lines.push(format!("{address} is there")),
+                _ => {}
             }
         }
         lines
@@ -117,9 +139,10 @@ pub fn health_line(status: &SystemStatus) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{Narrator, is_standing_by};
+    use super::{Narrator, Waits, is_standing_by};
     use jink_shared_types::coded::{Coded, Flag};
     use jink_shared_types::health::{Health, Name, ServiceState, SystemStatus};
+    use jink_shared_types::link::LinkStatus;
 
     fn status(health: Health, states: &[(&str, ServiceState)]) -> SystemStatus {
         let mut status = SystemStatus {
@@ -158,6 +181,24 @@ mod tests {
         ];
         assert_eq!(narrator.update(&now), expected);
         assert!(narrator.update(&now).is_empty());
+    }
+
+    #[test]
+    fn a_device_that_is_waited_for_is_named_once_and_so_is_its_coming() {
+        let addresses = ["serial:/dev/ttyACM0:921600", "udpin:14550"].map(str::to_owned);
+        let (mut waits, mut status) = (Waits::default(), LinkStatus::default());
+        assert!(waits.update(&status, &addresses).is_empty());
+        status.links[0].is_waited_for = Flag::YES;
+        assert_eq!(
+            waits.update(&status, &addresses),
+            ["waiting for serial:/dev/ttyACM0:921600"]
+        );
+        assert!(waits.update(&status, &addresses).is_empty());
+        status.links[0].is_waited_for = Flag::default();
+        assert_eq!(
+            waits.update(&status, &addresses),
+            ["serial:/dev/ttyACM0:921600 is there"]
+        );
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Everything on the link in a file that ground stations and `mavlogdump.py` read: for each frame eight bytes of time,
 //! big-endian microseconds since 1970, and the frame as it was on the wire.
 //!
-//! A thread writes; the link hands it copies and never waits. What the disk is too slow for is left out, and counted.
+//! A thread writes; the link hands it copies and never waits. What the disk is too slow for is left out, and counted. The files of a
+//! folder are limited together: one that has a quarter of that is followed by another, and the oldest ones are removed.
 
 use jink_runtime::realtime::{Scheduling, schedule};
 use std::fs::File;
@@ -17,6 +18,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 const FRAME_MAX: usize = 300;
 /// Frames that may wait for the disk: some five seconds of a busy link.
 const WAITING_MAX: usize = 2048;
+/// Parts of its folder's limit that one file may have: so that what is removed at a time is no more.
+const FILES: u64 = 4;
 
 /// One frame with its time.
 #[derive(Clone)]
@@ -41,18 +44,23 @@ pub struct Tlog {
 impl Tlog {
     /// Begins a new file in `folder`, which is made if it is not there. Its name holds the time and the generation of
     /// the gateway, and a number if there is such a file already: a board without a clock of its own begins at the same time
-    /// again and again.
+    /// again and again. All files of the folder take no more than `max_bytes` (0: as much as there is).
     ///
     /// # Errors
     /// The system's error about the folder, the file or the thread.
-    pub fn begin(folder: &Path, generation: u32) -> std::io::Result<Self> {
+    pub fn begin(folder: &Path, generation: u32, max_bytes: u64) -> std::io::Result<Self> {
         std::fs::create_dir_all(folder)?;
-        let (file, path) = new_file(folder, unix_us() / 1_000_000, generation)?;
-        Self::writing(file, path)
+        let files = Files {
+            folder: folder.to_owned(),
+            generation,
+            max_bytes,
+        };
+        let (file, path) = files.next()?;
+        Self::writing(file, path, files)
     }
 
-    /// Writes to `file`, which is called `path`.
-    fn writing(file: File, path: PathBuf) -> std::io::Result<Self> {
+    /// Writes to `file`, which is called `path`, and then to further `files`.
+    fn writing(file: File, path: PathBuf, files: Files) -> std::io::Result<Self> {
         let (records, incoming) = sync_channel(WAITING_MAX);
         let (name, has_failed) = (path.clone(), Arc::new(AtomicBool::new(false)));
         let failed = Arc::clone(&has_failed);
@@ -62,7 +70,7 @@ impl Tlog {
                 // Writing to a disk is not urgent, whatever priority the gateway itself has. On failure it keeps that
                 // priority.
                 let _ = schedule(0, Scheduling::Ordinary);
-                if let Err(error) = write_all(file, &incoming) {
+                if let Err(error) = write_all(file, &files, &incoming) {
                     tracing::error!("{}: the telemetry log ends here: {error}", name.display());
                     failed.store(true, Ordering::Relaxed);
                 }
@@ -76,7 +84,7 @@ impl Tlog {
         })
     }
 
-    /// The file.
+    /// The first file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -124,6 +132,54 @@ impl Drop for Tlog {
     }
 }
 
+/// The files of a folder.
+struct Files {
+    folder: PathBuf,
+    generation: u32,
+    /// 0: not limited.
+    max_bytes: u64,
+}
+
+impl Files {
+    /// A new one, after the oldest ones have made room for it.
+    fn next(&self) -> std::io::Result<(File, PathBuf)> {
+        if self.max_bytes > 0 {
+            remove_oldest(&self.folder, self.max_bytes - self.max_bytes / FILES)?;
+        }
+        new_file(&self.folder, unix_us() / 1_000_000, self.generation)
+    }
+
+    fn is_full(&self, bytes: u64) -> bool {
+        self.max_bytes > 0 && bytes >= self.max_bytes / FILES
+    }
+}
+
+/// Removes the telemetry logs that were written to longest ago, until the others take no more than `max_bytes`.
+fn remove_oldest(folder: &Path, max_bytes: u64) -> std::io::Result<()> {
+    let mut logs: Vec<_> = std::fs::read_dir(folder)?
+        .flatten()
+        .filter(|entry| {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            name.starts_with("jink-") && name.ends_with(".tlog")
+        })
+        .filter_map(|entry| {
+            let metadata = entry.metadata().ok()?;
+            Some((metadata.modified().ok()?, metadata.len(), entry.path()))
+        })
+        .collect();
+    logs.sort();
+    let mut bytes: u64 = logs.iter().map(|(_, len, _)| len).sum();
+    for (_, len, path) in logs {
+        if bytes <= max_bytes {
+            break;
+        }
+        std::fs::remove_file(path)?;
+        bytes -= len;
+    }
+    Ok(())
+}
+
 /// A file that was not there.
 fn new_file(folder: &Path, unix_s: u64, generation: u32) -> std::io::Result<(File, PathBuf)> {
     let mut number = 1;
@@ -142,8 +198,9 @@ fn new_file(folder: &Path, unix_s: u64, generation: u32) -> std::io::Result<(Fil
 }
 
 /// Until the link is closed; whenever nothing waits, all is handed to the system.
-fn write_all(file: File, incoming: &Receiver<TlogRecord>) -> std::io::Result<()> {
+fn write_all(file: File, files: &Files, incoming: &Receiver<TlogRecord>) -> std::io::Result<()> {
     let mut file = BufWriter::new(file);
+    let mut bytes = 0;
     loop {
         let record = match incoming.try_recv() {
             Ok(record) => record,
@@ -156,8 +213,14 @@ fn write_all(file: File, incoming: &Receiver<TlogRecord>) -> std::io::Result<()>
                 }
             }
         };
+        if files.is_full(bytes) {
+            file.flush()?;
+            file = BufWriter::new(files.next()?.0);
+            bytes = 0;
+        }
         file.write_all(&record.unix_us.to_be_bytes())?;
         file.write_all(&record.bytes[..record.len])?;
+        bytes += 8 + record.len as u64;
     }
 }
 
@@ -168,7 +231,7 @@ fn unix_us() -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{FRAME_MAX, Tlog, new_file};
+    use super::{FRAME_MAX, Files, Tlog, new_file};
     use std::fs::File;
 
     #[test]
@@ -192,9 +255,47 @@ mod tests {
     }
 
     #[test]
+    fn the_files_of_a_folder_never_take_more_than_their_limit_and_the_oldest_go_first() {
+        let folder = std::env::temp_dir().join(format!("jink_tlog_limit_{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("jink-1-1.tlog"), [0; 9000]).unwrap();
+        std::fs::write(folder.join("notes.tlog"), "somebody else's").unwrap();
+        let files = Files {
+            folder: folder.clone(),
+            generation: 1,
+            max_bytes: 10_000,
+        };
+        let sizes = || -> Vec<u64> {
+            let entries = std::fs::read_dir(&folder).unwrap().flatten();
+            let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("jink-"));
+            ours.map(|entry| entry.metadata().unwrap().len()).collect()
+        };
+        let (send, incoming) = super::sync_channel(1000);
+        for second in 0..1000 {
+            send.send(super::TlogRecord {
+                unix_us: second,
+                len: 92,
+                bytes: [0xfd; FRAME_MAX],
+            })
+            .unwrap();
+        }
+        drop(send);
+        super::write_all(files.next().unwrap().0, &files, &incoming).unwrap();
+        let left = sizes();
+        assert!(left.iter().sum::<u64>() <= 10_000 && left.len() >= 3, "{left:?}");
+        assert!(!folder.join("jink-1-1.tlog").exists() && folder.join("notes.tlog").exists());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
     fn a_full_disk_ends_it_and_nothing_else() {
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let mut log = Tlog::writing(full, "/dev/full".into()).unwrap();
+        let files = Files {
+            folder: "/dev".into(),
+            generation: 1,
+            max_bytes: 0,
+        };
+        let mut log = Tlog::writing(full, "/dev/full".into(), files).unwrap();
         let begin = std::time::Instant::now();
         while !log.has_failed() && begin.elapsed().as_secs() < 60 {
             log.add(&[0xfd, 1, 2, 3]);
@@ -206,7 +307,7 @@ mod tests {
     #[test]
     fn frames_are_written_with_their_time_and_what_is_no_frame_is_left_out() {
         let folder = std::env::temp_dir().join(format!("jink_tlog_{}", std::process::id()));
-        let mut log = Tlog::begin(&folder, 3).unwrap();
+        let mut log = Tlog::begin(&folder, 3, 0).unwrap();
         let path = log.path().to_owned();
         let frames: [&[u8]; 2] = [&[0xfd, 1, 2, 3], &[0xfe; FRAME_MAX]];
         log.add(frames[0]);

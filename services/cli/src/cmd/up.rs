@@ -1,6 +1,6 @@
 //! `jink up`.
 
-use jink_control::narrate::{Narrator, health_line, is_standing_by};
+use jink_control::narrate::{Narrator, Waits, health_line, is_standing_by};
 use jink_control::sayln;
 use jink_control::supervisor::{StartOptions, Supervisor, exit_code};
 use jink_control::{Interrupt, Problem, arguments, autopilot, places, ports, running, worlds};
@@ -80,12 +80,20 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let mut supervisor = Supervisor::start(instance, &options(args)?)?;
     let mut watch = supervisor.watch(&interrupt)?;
     let mut narrator = Narrator::default();
+    let mut waits = Waits::default();
+    let addresses =
+        Config::load(&instance.run_config()).map_or_else(|_| Vec::new(), |config| addresses(&config));
     let begin = Instant::now();
     let mut standing_by_since = None;
     loop {
         if let Some(status) = watch.status() {
             for line in narrator.update(&status) {
                 sayln!("{line}");
+            }
+            if let Some(link) = watch.link() {
+                for line in waits.update(link.sample, &addresses) {
+                    sayln!("{line}");
+                }
             }
             if status.health == Health::Stopping {
                 drop(watch);
@@ -123,13 +131,18 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     }
 }
 
+/// Where the links of a configuration lead, in the gateway's order.
+fn addresses(config: &Config) -> Vec<String> {
+    config.link.rows().into_iter().map(|row| row.address).collect()
+}
+
 fn not_ready(instance: &Instance, status: &SystemStatus) -> String {
     let mut text = format!(
         "not ready within {} s, stopped again; {}",
         READY_PATIENCE.as_secs(),
         health_line(status)
     );
-    let logs = instance.log_folder();
+    let logs = instance.log_place();
     if logs.is_dir() {
         text += &format!("\nlogs: {}", logs.display());
     }

@@ -82,7 +82,12 @@ pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
         .remember_senders_at(&senders)
         .map_err(needs(senders.display().to_string()))?;
     if !settings.tlog.is_empty() {
-        links.record(Tlog::begin(Path::new(&settings.tlog), setup.generation));
+        let max_bytes = u64::from(settings.tlog_max_mb) * 1_000_000;
+        links.record(Tlog::begin(
+            Path::new(&settings.tlog),
+            setup.generation,
+            max_bytes,
+        ));
     }
     Ok(links)
 }

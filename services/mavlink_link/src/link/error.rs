@@ -48,6 +48,28 @@ pub enum LinkError {
     },
 }
 
+impl LinkError {
+    /// Whether something is missing that may come by itself: a device that is not plugged in, an interface without its address, a
+    /// peer that is not switched on.
+    pub fn is_absence(&self) -> bool {
+        match self {
+            Self::Serial(error) => matches!(error, SerialError::NoDevice { .. } | SerialError::Lost { .. }),
+            Self::Open { source, .. } => matches!(
+                source.kind(),
+                io::ErrorKind::NotFound
+                    | io::ErrorKind::AddrNotAvailable
+                    | io::ErrorKind::ConnectionRefused
+                    | io::ErrorKind::HostUnreachable
+                    | io::ErrorKind::NetworkUnreachable
+                    | io::ErrorKind::NetworkDown
+                    | io::ErrorKind::TimedOut
+            ),
+            Self::Lost { .. } => true,
+            Self::Resolve { .. } | Self::AddressInUse { .. } | Self::Handover { .. } => false,
+        }
+    }
+}
+
 impl fmt::Display for LinkError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

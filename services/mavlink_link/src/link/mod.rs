@@ -332,10 +332,14 @@ impl Link {
         self.transport.as_ref().map(Transport::fd)
     }
 
+    /// Whether this process has the link and it is not open, and is tried again and again.
+    pub fn is_lost(&self) -> bool {
+        self.is_owner() && self.transport.is_none() && self.reopens
+    }
+
     /// When to reopen a lost link, or to look for its next owner.
     pub fn next_wake(&self) -> Option<Timestamp> {
-        let lost = self.is_owner() && self.transport.is_none() && self.reopens;
-        (lost || self.has_lost_owner()).then_some(self.retry_at)
+        (self.is_lost() || self.has_lost_owner()).then_some(self.retry_at)
     }
 
     /// What was counted so far.

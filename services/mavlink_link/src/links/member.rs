@@ -3,16 +3,16 @@
 use super::LinkSetup;
 use crate::budget::{Budget, CapacityChange, TrafficClass};
 use crate::encoder::Encoder;
-use crate::link::{Link, LinkError, Sent};
+use crate::link::{Endpoint, Link, LinkError, Sent};
 use crate::message::Outgoing;
 use crate::signing::stamps::{self, StampKeeper};
 use crate::signing::{SIGNATURE_BYTES, SIGNED_FRAME_MAX, SignatureRefusal, sign};
 use crate::tlog::Tlog;
 use jink_runtime::config::Signing;
-use jink_shared_types::Timestamp;
-use jink_shared_types::events::{EventSample, LINK_FAST_AGAIN, LINK_SLOW, SECOND_SENDER};
-use jink_shared_types::health::Name;
+use jink_shared_types::events::{EventSample, LINK_FAST_AGAIN, LINK_OPEN, LINK_SLOW, LINK_WAITED, SECOND_SENDER};
+use jink_shared_types::health::{NAME_BYTES, Name};
 use jink_shared_types::link::LinkTraffic;
+use jink_shared_types::{Flag, Timestamp};
 
 /// One of the links.
 #[derive(Debug)]
@@ -69,6 +69,7 @@ impl Member {
             unknown_peers: counters.unknown_peers,
             garbage_bytes: counters.garbage_bytes,
             reopened: counters.reopened,
+            is_waited_for: Flag::from(self.is_lost),
             ..self.rules.traffic
         }
     }
@@ -153,15 +154,31 @@ impl Member {
         is_heard.then(|| EventSample::new(&SECOND_SENDER, &self.name, [0.0; 2]))
     }
 
-    /// Logs a lost link once, and its return once.
-    pub(super) fn log_state(&mut self, lost: Option<&LinkError>) {
-        match lost {
-            Some(cause) if !self.is_lost => tracing::warn!("link {}: {cause}", self.name),
-            None if self.is_lost && self.link.fd().is_some() => {
-                tracing::info!("link {} is back", self.name);
+    /// Logs and reports a link that is lost or not there yet once, and that it is open once.
+    pub(super) fn report_state(&mut self, lost: Option<&LinkError>) -> Option<EventSample> {
+        let was_lost = std::mem::replace(&mut self.is_lost, self.link.is_lost());
+        let event = match (was_lost, self.is_lost) {
+            (false, true) => {
+                match lost {
+                    Some(cause) => tracing::warn!("link {}: waiting for it: {cause}", self.name),
+                    None => tracing::warn!("link {}: waiting for {}", self.name, self.rules.setup.endpoint),
+                }
+                &LINK_WAITED
             }
-            _ => {}
+            (true, false) => {
+                tracing::info!("link {} is open", self.name);
+                &LINK_OPEN
+            }
+            _ => return None,
+        };
+        Some(EventSample::new(event, &self.device(), [0.0; 2]))
+    }
+
+    /// What a person looks for when the link is not there: the serial port, if its path fits a text, else the link's name.
+    fn device(&self) -> String {
+        match &self.rules.setup.endpoint {
+            Endpoint::Serial { path, .. } if path.len() <= NAME_BYTES => path.clone(),
+            _ => format!("link {}", self.name),
         }
-        self.is_lost = lost.is_some() || self.link.is_owner() && self.link.fd().is_none();
     }
 }

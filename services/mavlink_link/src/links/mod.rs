@@ -31,9 +31,9 @@ use crate::signing::stamps::{self, StampKeeper, Stamps};
 use crate::tlog::Tlog;
 use forward_queue::ForwardQueue;
 use jink_runtime::config::{Purpose, Signing};
-use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
-use jink_shared_types::link::{LINKS, LinkTraffic};
+use jink_shared_types::link::{LINKS, LinkTraffic, TelemetryLog};
+use jink_shared_types::{Coded, Timestamp};
 use mavlink::MessageData;
 use mavlink::dialect::{MavMessage, SETUP_SIGNING_DATA};
 use member::{LinkRules, Member};
@@ -43,13 +43,15 @@ use std::path::{Path, PathBuf};
 /// Descriptors of all links.
 pub const LINK_FDS: usize = 3 * LINKS;
 /// Pending events about links.
-const EVENTS_MAX: usize = 2 * LINKS;
+const EVENTS_MAX: usize = 4 * LINKS;
 
 /// What all links have counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinksReport {
     /// Intact messages whose content could not be decoded.
     pub undecodable: u64,
+    /// What becomes of the telemetry log.
+    pub telemetry_log: Coded<TelemetryLog>,
     /// Each link by itself.
     pub links: [LinkTraffic; LINKS],
 }
@@ -77,6 +79,7 @@ struct LinkShared {
     verifier: Verifier,
     forward_queue: ForwardQueue,
     log: Option<Tlog>,
+    telemetry_log: TelemetryLog,
 }
 
 /// The filter of one link.
@@ -91,8 +94,8 @@ struct LinkFilter<'a> {
 }
 
 impl Links {
-    /// Opens all links and lets a second process join each at its handover socket. The first one must open; the others
-    /// may be found later.
+    /// Opens all links and lets a second process join each at its handover socket. What is not there yet is waited for; that the first
+    /// one cannot be opened for another reason is an error.
     ///
     /// # Errors
     /// [`LinkError`] of the first link, or of a handover socket.
@@ -104,7 +107,10 @@ impl Links {
         let mut first = Some(first);
         Self::build(setups, handover_sockets, |setup, handover_socket| {
             let mut link = match first.take() {
-                Some(first) => first(setup)?,
+                Some(first) => match first(setup) {
+                    Err(error) if error.is_absence() => Link::lost(setup.endpoint.clone()),
+                    opened => opened?,
+                },
                 None => with_numeric(setup, Link::lost),
             };
             link.share(handover_socket)?;
@@ -153,6 +159,7 @@ impl Links {
                 verifier: Verifier::default(),
                 forward_queue: ForwardQueue::default(),
                 log: None,
+                telemetry_log: TelemetryLog::None,
             },
             members,
             stamps: None,
@@ -167,13 +174,19 @@ impl Links {
             Ok(log) => {
                 tracing::info!("telemetry log: {}", log.path().display());
                 self.shared.log = Some(log);
+                self.shared.telemetry_log = TelemetryLog::Written;
             }
             Err(error) => {
                 tracing::error!("no telemetry log: {error}");
-                self.events
-                    .push(EventSample::new(&events::TELEMETRY_LOG_LOST, "", [0.0; 2]));
+                self.lose_log();
             }
         }
+    }
+
+    fn lose_log(&mut self) {
+        self.shared.telemetry_log = TelemetryLog::Lost;
+        self.events
+            .push(EventSample::new(&events::TELEMETRY_LOG_LOST, "", [0.0; 2]));
     }
 
     /// Signs with stamps whose bound is kept at `path`, where a link asks for signatures.
@@ -259,7 +272,10 @@ impl Links {
                     .map_or(0, |stamps| stamps.stamps().next().max(stamps::wall())),
             };
             let answer = member.link.receive_through(clock, messages, &mut filter);
-            member.log_state(answer.as_ref().err());
+            let change = member.report_state(answer.as_ref().err());
+            if self.events.len() < EVENTS_MAX {
+                self.events.extend(change);
+            }
             if origin > 0
                 && let Some(sequences) = member
                     .link
@@ -274,7 +290,7 @@ impl Links {
             self.pass_on(clock());
         }
         let now = clock();
-        let room = EVENTS_MAX - self.events.len();
+        let room = EVENTS_MAX.saturating_sub(self.events.len());
         let changes = self
             .members
             .iter_mut()
@@ -314,8 +330,7 @@ impl Links {
     /// What has changed about the links since the last call.
     pub fn take_events(&mut self) -> impl Iterator<Item = EventSample> {
         if self.shared.log.take_if(|log| log.has_failed()).is_some() {
-            self.events
-                .push(EventSample::new(&events::TELEMETRY_LOG_LOST, "", [0.0; 2]));
+            self.lose_log();
         }
         self.events.drain(..)
     }
@@ -404,7 +419,10 @@ impl Links {
 
     /// What was counted so far.
     pub fn report(&self) -> LinksReport {
-        let mut report = LinksReport::default();
+        let mut report = LinksReport {
+            telemetry_log: Coded::new(self.shared.telemetry_log),
+            ..LinksReport::default()
+        };
         for (index, (link, member)) in report.links.iter_mut().zip(&self.members).enumerate() {
             *link = member.traffic();
             link.dropped[TrafficClass::Forwarded as usize] += self.shared.forward_queue.lost[index];

@@ -323,16 +323,52 @@ fn a_telemetry_log_that_cannot_be_begun_is_reported() {
     let mut bench = NetworkBench::introduced(|_| {});
     bench
         .links
-        .record(Tlog::begin(Path::new("/dev/null/no/folder"), 1));
+        .record(Tlog::begin(Path::new("/dev/null/no/folder"), 1, 0));
     let reported: Vec<u16> = bench.links.take_events().map(|event| event.id).collect();
     assert_eq!(reported, [events::TELEMETRY_LOG_LOST.id]);
+}
+
+/// An autopilot on USB appears seconds after the board, and vanishes whenever it starts anew.
+#[test]
+fn the_autopilots_device_is_waited_for_and_reported_once_and_another_mistake_is_an_error() {
+    let (device, socket) = (own_path("autopilot"), own_path("autopilot_handover"));
+    let opened = |address: &str| {
+        let setups = vec![setup("autopilot", address, Purpose::Autopilot)];
+        Links::open(setups, std::slice::from_ref(&socket), |first| {
+            Link::open(first.endpoint.clone())
+        })
+    };
+    assert!(opened("serial:/dev/null:57600").is_err(), "no serial port");
+    let mut links = opened(&format!("serial:{}:57600", device.display())).unwrap();
+    let mut reported = Vec::new();
+    let mut received = Vec::with_capacity(8);
+    let mut until = |count: usize| {
+        let begin = Instant::now();
+        while reported.len() < count {
+            assert!(begin.elapsed() < WATCHDOG, "{reported:?}");
+            let _ = links.receive(jink_runtime::now, US, &mut received);
+            reported.extend(links.take_events().map(|event| event.id));
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        (reported.clone(), links.report().links[0].is_waited_for.is_set())
+    };
+    let waited = [
+        events::LINK_WAITED.id,
+        events::LINK_OPEN.id,
+        events::LINK_WAITED.id,
+    ];
+    assert_eq!(until(1), (waited[..1].to_vec(), true));
+    let control = plug_in(&device);
+    assert_eq!(until(2), (waited[..2].to_vec(), false));
+    drop(control);
+    assert_eq!(until(3), (waited.to_vec(), true));
 }
 
 #[test]
 fn the_telemetry_log_holds_what_is_received_and_sent_on_every_link_once_and_no_key() {
     let mut bench = NetworkBench::introduced(|_| {});
     let folder = own_path("tlog");
-    let log = Tlog::begin(&folder, 1).unwrap();
+    let log = Tlog::begin(&folder, 1, 0).unwrap();
     let path = log.path().to_owned();
     bench.links.record(Ok(log));
     let (autopilots, stations) = (bytes(1, 1, attitude(5)), bytes(255, 190, command(1, 1)));

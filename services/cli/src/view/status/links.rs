@@ -27,6 +27,8 @@ pub struct LinkFigures {
     pub garbage_bytes: u64,
     /// Times the link was opened again.
     pub reopened: u64,
+    /// It is not open: its device is not there.
+    pub is_waited_for: bool,
 }
 
 /// Messages that were not let in because of their signature, by cause.
@@ -68,6 +70,7 @@ impl LinkFigures {
             unknown_peers: link.unknown_peers,
             garbage_bytes: link.garbage_bytes,
             reopened: link.reopened,
+            is_waited_for: link.is_waited_for.is_set(),
         }
     }
 
@@ -76,6 +79,7 @@ impl LinkFigures {
         self.dropped.values().any(|count| *count > 0)
             || self.refused != Refused::NOTHING
             || self.unknown_peers > 0
+            || self.is_waited_for
     }
 
     /// For people: a line per link. Nothing if there is but one and all is well: the line of the autopilot says it all.
@@ -111,7 +115,12 @@ impl LinkFigures {
             counted("refused", &refused),
             counted("opened again", &[(self.reopened, "times")]),
         ];
-        std::iter::once(rate)
+        let waits = self
+            .is_waited_for
+            .then(|| "waiting for it: it cannot be opened".to_owned());
+        waits
+            .into_iter()
+            .chain(std::iter::once(rate))
             .chain(parts.into_iter().flatten())
             .collect::<Vec<_>>()
             .join("; ")

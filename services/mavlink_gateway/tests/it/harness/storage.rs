@@ -139,7 +139,7 @@ fn stamps_file(content: &[u8]) {
 /// Frames of any length: what fits is in the log, in order, and what does not is counted.
 fn log(dice: &mut Dice<'_>) {
     let folder = own_path("tlog");
-    let mut log = Tlog::begin(&folder, 1).unwrap();
+    let mut log = Tlog::begin(&folder, 1, 0).unwrap();
     let path = log.path().to_owned();
     let (mut expected, mut left_out) = (Vec::new(), 0);
     while !dice.is_empty() {
