@@ -260,6 +260,11 @@ impl ConfigurationSpace {
         std::array::from_fn(|axis| 2 * self.min_cell[axis] + size[axis] / 2)
     }
 
+    /// Whether the layers of `tier` are made for the present map.
+    pub fn is_ready(&self, tier: usize) -> bool {
+        self.ready[tier]
+    }
+
     /// Whether the layers of `tier` hold its cell `cell`.
     pub fn holds(&self, tier: usize, cell: Cell) -> bool {
         is_within(self.min_cell(tier), cell)

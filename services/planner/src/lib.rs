@@ -161,6 +161,10 @@ pub struct Planner {
     failing_since: Option<Timestamp>,
     no_path_reported: bool,
     blocked_reported: bool,
+    /// An obstacle stood in the straight way then.
+    detour_seen: Timestamp,
+    /// The vehicle has been away from its goal since it was at one.
+    is_away: bool,
     loss_reported_at: Timestamp,
     progress: GoalProgress,
     unflown: UnflownPlans,
@@ -225,6 +229,8 @@ impl Planner {
             failing_since: None,
             no_path_reported: false,
             blocked_reported: false,
+            detour_seen: Timestamp::NEVER,
+            is_away: false,
             loss_reported_at: Timestamp::NEVER,
             progress: GoalProgress::new(params.get(&params::OA_BLOCKED_T)),
             unflown: UnflownPlans::default(),
@@ -368,6 +374,8 @@ impl Planner {
             self.search.forget_failed_passages();
             self.path_followed = None;
         }
+        let away_m = (departure.state.position.vector() - goal.vector()).norm();
+        self.report_arrival(away_m, &desired);
         let mut planning = true;
         let evades =
             self.evades_first(now, &departure, committed) && self.evade(now, &departure, committed, route);
@@ -401,6 +409,7 @@ impl Planner {
             }
             self.report_path(now, planned, &state, &goal);
             if planned {
+                self.report_detour(now, &departure.state.position.vector(), &goal);
                 self.planned_id = route.id;
                 if route.mode != RouteMode::Keep {
                     self.unflown.give_out(route.id, now);

@@ -2,14 +2,24 @@
 
 use super::Planner;
 use crate::certified_route::GUIDE_MAX_M;
+use crate::configuration_space::ConfigurationSpace;
 use crate::progress::Obstruction;
 use crate::speed_tiers::{DEGRADED_TIER, reached_mps};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::params;
-use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
+use nalgebra::Vector3;
 
+/// A goal that was no farther than this (m) is none to arrive at: a hold in a gust is left and reached again.
+const AWAY_M: f64 = 2.0;
+/// A guide that leaves the straight line by less (m) goes round nothing.
+const ROUND_M: f64 = 0.5;
+/// Nearer than this (m) is beside the vehicle.
+const NEAR_M: f64 = 1.0;
+/// An obstacle that has been out of the way for no longer than this (s) is the same.
+const SAME_DETOUR_S: f64 = 3.0;
 /// How long planning must fail while the vehicle stands before the pilot is notified (s).
 const NO_PATH_AFTER_S: f64 = 1.5;
 
@@ -111,6 +121,47 @@ impl Planner {
         if speeds[0] < self.limits[0].speed_mps {
             self.events
                 .push(EventSample::new(&events::SPEED_CUT, "planner", speeds));
+        }
+    }
+
+    /// Reports when the straight way to the goal leads into an obstacle and the guide just planned passes it, once for each obstacle.
+    pub(super) fn report_detour(&mut self, now: Timestamp, from: &Vector3<f64>, goal: &Point<LocalNed>) {
+        let way = goal.vector() - from;
+        let Some(along) = way.try_normalize(NEAR_M) else {
+            return;
+        };
+        let off_m = |vertex: &Vector3<f64>| (vertex - from).cross(&along).norm();
+        if !self.space.is_ready(self.path_tier)
+            || self.guide.vertices().iter().all(|vertex| off_m(vertex) < ROUND_M)
+        {
+            return;
+        }
+        // What stands beside the vehicle is not ahead.
+        let [begin, end] = [NEAR_M, way.norm().min(GUIDE_MAX_M)].map(|m| from + along * m);
+        let is_hit = |space: &ConfigurationSpace, cell| space.is_hit(self.path_tier, cell);
+        if self
+            .space
+            .first_in(self.path_tier, &begin, &end, is_hit)
+            .is_none()
+        {
+            return;
+        }
+        let before = std::mem::replace(&mut self.detour_seen, now);
+        if !before.is_set() || now.seconds_since(before) > SAME_DETOUR_S {
+            self.report_event(&events::GOING_ROUND);
+        }
+    }
+
+    /// Reports that the vehicle has come to a goal of the autopilot's own mission behind which there is none. What jink flies itself the
+    /// gateway reports.
+    pub(super) fn report_arrival(&mut self, away_m: f64, desired: &DesiredPath) {
+        if away_m > AWAY_M {
+            self.is_away = true;
+        } else if away_m <= self.goal_radius_m && std::mem::take(&mut self.is_away) {
+            let goes_on = desired.points[2].valid.is_set();
+            if !goes_on && desired.mode == NavMode::Mission {
+                self.report_event(&events::GOAL_REACHED);
+            }
         }
     }
 

@@ -167,6 +167,7 @@ impl Gateway {
             Some(ModeRequest::Follow) => self.demand(now, Demand::Follow, outputs),
             Some(ModeRequest::Hold) => self.demand(now, Demand::Hold, outputs),
             Some(ModeRequest::Pilots(custom_mode)) => {
+                self.mode_choice.ask(now);
                 let command = mode_command(make.numbers_of(custom_mode), system_id);
                 outputs.send(self.outgoing(now, Body::Message(command)));
             }

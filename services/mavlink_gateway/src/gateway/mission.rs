@@ -418,6 +418,9 @@ impl Gateway {
             });
             outputs.send(self.outgoing(now, Body::Message(message)));
         }
+        if !matches!(demand, Demand::Current(_)) {
+            self.mode_choice.ask(now);
+        }
         if let Some(command) = command(demand, make, autopilot) {
             outputs.note(Note::Asked(demand));
             outputs.send(self.outgoing(now, Body::Message(command)));

@@ -5,6 +5,7 @@ mod controlled_stop;
 mod echoes;
 mod intake;
 mod mission;
+mod mode_choice;
 mod profile_check;
 mod serve;
 mod steering;
@@ -48,6 +49,7 @@ use mavlink::dialect::{
     COMMAND_LONG_DATA, DISTANCE_SENSOR_DATA, EXTENDED_SYS_STATE_DATA, MavCmd, MavMessage, TIMESYNC_DATA,
 };
 use mission::MissionFlight;
+use mode_choice::ModeChoice;
 use profile_check::ProfileCheck;
 use steering::Steering;
 use unguarded_mode::UnguardedMode;
@@ -88,6 +90,7 @@ pub struct Gateway {
     /// Somebody is about to end jink.
     controlled_stop: Option<ControlledStop>,
     unguarded_mode: UnguardedMode,
+    mode_choice: ModeChoice,
     selector: VehicleSelector,
     clock: ClockMap,
     vehicle: VehicleTracker,
@@ -140,6 +143,7 @@ impl Gateway {
             profile_check: ProfileCheck::new(config.chooses_profile, config.is_proven),
             controlled_stop: None,
             unguarded_mode: UnguardedMode::default(),
+            mode_choice: ModeChoice::default(),
             selector: VehicleSelector::new(config.system_id),
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
@@ -223,6 +227,7 @@ impl Gateway {
                 self.run_mission(now, outputs);
                 self.watch_unguarded_modes(now, outputs);
             }
+            self.watch_mode_choice(now, outputs);
             self.fly(now, inputs, outputs);
         }
         for answer in inputs.answers {
@@ -625,6 +630,7 @@ impl Gateway {
         status.garbage_bytes = inputs.link.garbage_bytes();
         status.assist = Coded::new(self.assist.state());
         status.links = inputs.link.links;
+        status.telemetry_log = inputs.link.telemetry_log;
         status.ignored = self.ignored + inputs.link.undecodable;
         status.system_id = self.selector.system_id(now).unwrap_or(0);
         status.timesync_converged = Flag::from(self.clock.is_converged());

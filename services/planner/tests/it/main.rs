@@ -7,4 +7,5 @@ mod common;
 mod nothing_is_allocated_after_new;
 mod nothing_is_planned_that_does_not_end_in_known_free_space;
 mod what_comes_is_evaded;
+mod what_the_planner_does_is_reported;
 mod what_was_not_seen_yet_is_not_missing;
