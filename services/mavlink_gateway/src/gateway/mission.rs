@@ -488,3 +488,83 @@ fn command(
         ..COMMAND_LONG_DATA::default()
     }))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{MissionFlight, Part};
+    use jink_mavlink_link::autopilot_type::AutopilotType;
+    use jink_shared_types::Timestamp;
+    use mavlink::dialect::{
+        GLOBAL_POSITION_INT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA, MISSION_COUNT_DATA,
+        MISSION_ITEM_INT_DATA, MavMessage,
+    };
+
+    const LATITUDE: i32 = 473_977_420;
+    const LONGITUDE: i32 = 85_455_940;
+    /// Some metres to the north (1e-7 deg).
+    const NORTH: i32 = 1_000;
+
+    /// Answers whatever is asked about a mission of one item, home at that latitude.
+    fn answer(flight: &mut MissionFlight, home: i32) {
+        for tick in 0..50 {
+            let now = Timestamp::from_seconds(100.0 + f64::from(tick) * 0.1);
+            let answer = match flight.client.request(now, (1, 1)) {
+                Some(MavMessage::MISSION_REQUEST_LIST(_)) => MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                    count: 1,
+                    ..MISSION_COUNT_DATA::default()
+                }),
+                Some(MavMessage::MISSION_REQUEST_INT(_)) => {
+                    MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
+                        x: home,
+                        y: if home == 0 { 0 } else { LONGITUDE },
+                        ..MISSION_ITEM_INT_DATA::default()
+                    })
+                }
+                _ => continue,
+            };
+            flight.take(now, &answer);
+        }
+    }
+
+    fn home_north_m(flight: &MissionFlight) -> f64 {
+        flight.home(AutopilotType::ArduPilot).unwrap().x.round()
+    }
+
+    #[test]
+    fn home_is_where_it_has_moved_to_and_never_a_place_of_zeros() {
+        let now = Timestamp::from_seconds(100.0);
+        let mut flight = MissionFlight::new(Part::TakesOver);
+        flight.client.set_make(AutopilotType::ArduPilot);
+        for _ in 0..5 {
+            flight.take(
+                now,
+                &MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA::default()),
+            );
+            let global = GLOBAL_POSITION_INT_DATA {
+                lat: LATITUDE,
+                lon: LONGITUDE,
+                ..GLOBAL_POSITION_INT_DATA::default()
+            };
+            flight.take(now, &MavMessage::GLOBAL_POSITION_INT(global));
+        }
+        let reported = |latitude| {
+            MavMessage::HOME_POSITION(HOME_POSITION_DATA {
+                latitude,
+                longitude: LONGITUDE,
+                ..HOME_POSITION_DATA::default()
+            })
+        };
+        flight.read_anew(now);
+        answer(&mut flight, 0);
+        assert_eq!(flight.home(AutopilotType::ArduPilot), None);
+        flight.take(now, &reported(LATITUDE + NORTH));
+        assert_eq!(home_north_m(&flight), 11.0, "what is reported counts meanwhile");
+        answer(&mut flight, LATITUDE + NORTH);
+        assert_eq!(home_north_m(&flight), 11.0);
+        assert!(!flight.client.is_reading());
+        flight.take(now, &reported(LATITUDE + 2 * NORTH));
+        assert!(flight.client.is_reading(), "item 0 has moved with it");
+        answer(&mut flight, LATITUDE + 2 * NORTH);
+        assert_eq!(home_north_m(&flight), 22.0);
+    }
+}
