@@ -435,8 +435,8 @@ impl Fusion {
         let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
-        // With a faulty sensor the vehicle must not take off.
-        let is_held = !self.armed && self.health.is_any_wrong();
+        // With a faulty sensor the vehicle must not take off, and where the position is adrift nothing is where the map says.
+        let is_held = !self.armed && self.health.is_any_wrong() || self.health.adrift().is_some();
         out.ranges_fresh = Flag::from(self.sensors.fresh(now) && !is_held);
         out.faults = Added::new(self.health.bits());
         out.reserved = Reserved::ZERO;
@@ -513,6 +513,12 @@ impl Fusion {
     pub fn next_finding(&mut self) -> Option<SensorFinding> {
         self.health.compare_pending();
         self.health.next_change()
+    }
+
+    /// Whether the vehicle moves otherwise than its estimated position, and by which sensor; once per change. After
+    /// [`Fusion::next_finding`].
+    pub fn adrift_change(&mut self) -> Option<Option<usize>> {
+        self.health.adrift_change()
     }
 
     /// The counts of what was rejected so far.

@@ -161,6 +161,17 @@ impl Service for FusionService {
             let name = self.names.get(finding.sensor).map_or("", String::as_str);
             cycle.events.publish(now, &finding.event(name));
         }
+        if let Some(adrift) = self.fusion.adrift_change() {
+            let name = adrift
+                .and_then(|sensor| self.names.get(sensor))
+                .map_or("", String::as_str);
+            let event = if adrift.is_some() {
+                &events::POSITION_ADRIFT
+            } else {
+                &events::POSITION_CREDIBLE
+            };
+            cycle.events.raise(now, event, name, [0.0; 2]);
+        }
         let regular = self
             .sent
             .plus_seconds(IDLE_PERIOD_S)

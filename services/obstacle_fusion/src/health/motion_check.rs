@@ -4,6 +4,10 @@
 //! The frames are placed by the vehicle's poses and compared in both directions, in range images around the places of
 //! the sensor ([`super::range_image`]). If there are too many contradictions, every known cause is tried in turn: both
 //! frames are placed with it, and the cause that removes most of the contradictions is the result.
+//!
+//! A sensor that has agreed with itself for a while is as it should be. If it contradicts itself later, the vehicle has moved
+//! otherwise than its estimated position: that cause is tried first then, as a shift of the later frame. (Where a vehicle flies
+//! straight on, a shift and a sensor that is turned look the same.) Frames of a fast motion are not compared.
 
 use super::range_image::{RangeAgreement, RangeImage};
 use crate::poses::{Pose, SweepPoses};
@@ -26,6 +30,10 @@ const APART_RATIO: f64 = 0.5;
 const APART_RAD: f64 = 40.0 * PI / 180.0;
 /// ... and no further in time (s): in that time an estimate of the position drifts by some decimetres.
 const AGE_MAX_S: f64 = 5.0;
+/// Of a faster motion (m/s, rad/s) nothing is compared: 20 ms, which stamps and poses may be off, are as much as a comparison
+/// allows.
+const FASTEST_MPS: f64 = 7.5;
+const FASTEST_RADPS: f64 = 1.5;
 /// Nearer is the vehicle itself, farther few rays hit (m).
 const DISTANCE_M: [f64; 2] = [0.8, 12.0];
 /// A ray into the open counts as seen through up to here (m).
@@ -47,6 +55,18 @@ const AGREE: u32 = 2;
 const AGREE_UNKNOWN: u32 = 3;
 /// Comparisons in a row without contradiction after which a sensor is credible again: many motions do not show a fault.
 const CREDIBLE: u32 = 20;
+/// Comparisons in a row without contradiction after which later ones are first explained by the estimated position, and so many
+/// that must agree on a fault of the sensor then.
+const PROVEN: u32 = 8;
+const AGREE_PROVEN: u32 = 6;
+/// From then on frames are compared that are so far apart in time (s), whatever the motion: in that time a position runs off by
+/// no more than the shifts that are tried.
+const LOOK_S: f64 = 0.7;
+/// Comparisons in a row without contradiction after which the estimated position is credible again.
+const SETTLED: u32 = 3;
+/// Shifts that are tried: a grid of this step (m), and so many steps to each side.
+const SHIFT_M: f64 = 1.0;
+const SHIFTS: i32 = 3;
 /// A later cause must be so much better than one before: upside down and mirrored look almost the same where everything
 /// is upright.
 const BETTER_FACTOR: f64 = 1.1;
@@ -75,6 +95,8 @@ pub(super) enum FaultCause {
     Mirrored,
     /// It is rotated by this angle (deg).
     Turned(f64),
+    /// It is none of the sensor: the vehicle has moved otherwise than its estimated position.
+    Adrift,
     /// No known cause explains them.
     Unexplained,
 }
@@ -87,9 +109,29 @@ impl FaultCause {
             FaultCause::Mirrored => 1,
             FaultCause::Turned(_) => 2,
             FaultCause::Unexplained => 3,
+            FaultCause::Adrift => 4,
         }
     }
 }
+
+/// How two frames are placed.
+#[derive(Clone, Copy, Debug)]
+struct Placement {
+    /// From the reported to the true vector of a ray.
+    true_t_reported: Matrix3<f64>,
+    /// By how much the later frame is shifted (m north, m east).
+    now_m: [f64; 2],
+}
+
+impl Placement {
+    const AS_REPORTED: Self = Self {
+        true_t_reported: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        now_m: [0.0; 2],
+    };
+}
+
+/// Shifts among the causes.
+const SHIFT_COUNT: usize = ((2 * SHIFTS + 1) * (2 * SHIFTS + 1) - 1) as usize;
 
 #[derive(Clone, Copy)]
 struct SnapshotRay {
@@ -173,11 +215,11 @@ impl Snapshot {
         Some(pose.position_m + pose.rotation * self.origin_m)
     }
 
-    /// Where a ray ends (local, m), and how far that is from the sensor, with `cause` mapping the reported to the true
+    /// Where a ray ends (local, m), and how far that is from the sensor, with `true_t_reported` mapping the reported to the true
     /// vector.
-    fn end(&self, ray: &SnapshotRay, cause: &Matrix3<f64>) -> Option<(Vector3<f64>, f64)> {
+    fn end(&self, ray: &SnapshotRay, true_t_reported: &Matrix3<f64>) -> Option<(Vector3<f64>, f64)> {
         let pose = self.slices[usize::from(ray.slice)].as_ref()?;
-        let mut way_m = cause * Vector3::from(ray.way_m).cast::<f64>();
+        let mut way_m = true_t_reported * Vector3::from(ray.way_m).cast::<f64>();
         let distance_m = way_m.norm();
         if !ray.is_hit && distance_m > OPEN_M {
             way_m *= OPEN_M / distance_m;
@@ -225,13 +267,20 @@ pub(super) struct MotionCheck {
     /// The newest frame is kept in `now`, to be compared.
     is_taken: bool,
     image: RangeImage,
-    causes: Vec<(FaultCause, Matrix3<f64>)>,
+    /// The shifts come first.
+    causes: Vec<(FaultCause, Placement)>,
     search: Option<CauseSearch>,
     /// Comparisons that support each kind of cause.
-    evidence: [u32; 4],
+    evidence: [u32; 5],
     /// Comparisons in a row without contradiction.
     agreed: u32,
+    /// The same, with those for which the vehicle need not move.
+    settled: u32,
     found: Option<FaultCause>,
+    /// The sensor is as it should be: enough comparisons in a row have agreed.
+    is_proven: bool,
+    /// The estimated position does not agree with what is seen.
+    is_adrift: bool,
 }
 
 impl MotionCheck {
@@ -244,15 +293,23 @@ impl MotionCheck {
             image: RangeImage::new(),
             causes: causes(),
             search: None,
-            evidence: [0; 4],
+            evidence: [0; 5],
             agreed: 0,
+            settled: 0,
             found: None,
+            is_proven: false,
+            is_adrift: false,
         }
     }
 
     /// The cause that was found.
     pub fn cause(&self) -> Option<FaultCause> {
         self.found
+    }
+
+    /// Whether the vehicle moves otherwise than its estimated position.
+    pub fn is_adrift(&self) -> bool {
+        self.is_adrift
     }
 
     /// Earlier poses are not comparable with later ones.
@@ -271,8 +328,18 @@ impl MotionCheck {
             return self.search.is_none();
         };
         let age_s = at.seconds_since(self.key.at);
+        !(0.0..=self.age_max_s()).contains(&age_s) || self.is_apart(key, pose)
+    }
+
+    /// Longest time (s) until a frame is compared with the one kept, or replaces it.
+    fn age_max_s(&self) -> f64 {
+        if self.is_proven { LOOK_S } else { AGE_MAX_S }
+    }
+
+    /// Whether the vehicle has moved so far between these poses that a fault of the sensor shows.
+    fn is_apart(&self, key: &Pose, pose: &Pose) -> bool {
         let way_m = (pose.position_m - key.position_m).norm();
-        !(0.0..=AGE_MAX_S).contains(&age_s) || way_m > self.key.apart_m() || key.turned_rad(pose) > APART_RAD
+        way_m > self.key.apart_m() || key.turned_rad(pose) > APART_RAD
     }
 
     /// Takes a cloud.
@@ -349,24 +416,31 @@ impl MotionCheck {
     /// A frame was taken: compares it with the one kept, which it replaces unless a search needs both.
     fn on_frame_taken(&mut self) {
         if self.is_comparable() {
-            let before = self.compare(&Matrix3::identity());
+            let before = self.compare(&Placement::AS_REPORTED);
             let hits = self.now.hits.min(self.key.hits);
             let within = f64::from(self.now.within.max(self.key.within));
             let is_out_of_range = hits >= HITS_MIN && within < WITHIN * f64::from(hits);
             if is_out_of_range || (before.all >= MATCHES_MIN && before.share() > WRONG) {
                 self.search = Some(CauseSearch {
                     before,
-                    next: 0,
+                    next: if self.is_proven { 0 } else { SHIFT_COUNT },
                     best: None,
                     is_out_of_range,
                 });
                 return;
             }
             if before.all >= MATCHES_MIN {
-                self.count(None);
+                let shows_faults = self.shows_faults();
+                self.count(None, shows_faults);
             }
         }
         std::mem::swap(&mut self.key, &mut self.now);
+    }
+
+    /// Whether the vehicle has moved so far between the frames that a fault of the sensor shows.
+    fn shows_faults(&self) -> bool {
+        let poses = self.key.pose.as_ref().zip(self.now.pose.as_ref());
+        poses.is_some_and(|(key, now)| self.is_apart(key, now))
     }
 
     fn is_comparable(&self) -> bool {
@@ -375,7 +449,8 @@ impl MotionCheck {
         };
         let age_s = self.now.at.seconds_since(self.key.at);
         let way_m = (now.position_m - key.position_m).norm();
-        (0.0..=AGE_MAX_S).contains(&age_s) && (way_m > self.key.apart_m() || key.turned_rad(now) > APART_RAD)
+        let is_fast = way_m > FASTEST_MPS * age_s || key.turned_rad(now) > FASTEST_RADPS * age_s;
+        (0.0..=AGE_MAX_S).contains(&age_s) && !is_fast && (self.is_proven || self.is_apart(key, now))
     }
 
     /// Continues a search that is in progress.
@@ -383,13 +458,16 @@ impl MotionCheck {
         let Some(mut search) = self.search.take() else {
             return;
         };
-        let last = self.causes.len().min(search.next + CAUSES_PER_FRAME);
+        // The shifts are tried on their own.
+        let ends = [SHIFT_COUNT, self.causes.len()];
+        let end = ends[usize::from(search.next >= SHIFT_COUNT)];
+        let last = end.min(search.next + CAUSES_PER_FRAME);
         for number in search.next..last {
-            let (cause, matrix) = self.causes[number];
+            let (cause, placement) = self.causes[number];
             if search.is_out_of_range && !matches!(cause, FaultCause::Scale(_)) {
                 continue;
             }
-            let matches = self.compare(&matrix);
+            let matches = self.compare(&placement);
             let is_better = search
                 .best
                 .is_none_or(|(_, best)| matches.score() > BETTER_FACTOR * best.score().max(0.0));
@@ -399,34 +477,46 @@ impl MotionCheck {
             }
         }
         search.next = last;
-        if search.next < self.causes.len() {
+        let is_explained = last == SHIFT_COUNT && matches!(search.verdict(), Some(FaultCause::Adrift));
+        if last == SHIFT_COUNT && !is_explained {
+            search.best = None;
+        }
+        if last < self.causes.len() && !is_explained {
             self.search = Some(search);
             return;
         }
-        self.count(search.verdict());
+        self.count(search.verdict(), true);
         std::mem::swap(&mut self.key, &mut self.now);
         // The poses between them are old: the comparison starts again.
         self.key.pose = None;
     }
 
-    /// Counts a comparison with the result `cause`, or with none.
-    fn count(&mut self, cause: Option<FaultCause>) {
+    /// Counts a comparison with the result `cause`, or with none; whether the vehicle has moved so far that faults of the sensor show.
+    fn count(&mut self, cause: Option<FaultCause>, shows_faults: bool) {
         let Some(cause) = cause else {
             self.evidence = self.evidence.map(|count| count.saturating_sub(1));
-            self.agreed += 1;
+            self.settled += 1;
+            self.is_adrift &= self.settled < SETTLED;
+            self.agreed += u32::from(shows_faults);
             if self.agreed >= CREDIBLE {
                 self.found = None;
             }
+            self.is_proven |= self.agreed >= PROVEN;
             return;
         };
-        self.agreed = 0;
+        (self.agreed, self.settled) = (0, 0);
         let kind = cause.kind();
-        self.evidence[kind] = (self.evidence[kind] + 1).min(AGREE_UNKNOWN + 1);
-        let needed = if cause == FaultCause::Unexplained {
-            AGREE_UNKNOWN
-        } else {
-            AGREE
+        let needed = match cause {
+            FaultCause::Adrift => AGREE,
+            _ if self.is_proven => AGREE_PROVEN,
+            FaultCause::Unexplained => AGREE_UNKNOWN,
+            _ => AGREE,
         };
+        self.evidence[kind] = (self.evidence[kind] + 1).min(needed + 1);
+        if cause == FaultCause::Adrift {
+            self.is_adrift |= self.evidence[kind] >= needed;
+            return;
+        }
         // The cause found first stays until frames agree again, unless it was none: one fault gives one event.
         let is_open = matches!(self.found, None | Some(FaultCause::Unexplained));
         if self.evidence[kind] >= needed && is_open {
@@ -434,10 +524,12 @@ impl MotionCheck {
         }
     }
 
-    /// Places both frames with `cause`, and checks the hits of each against the other.
-    fn compare(&mut self, cause: &Matrix3<f64>) -> Matches {
+    /// Places both frames with `placement`, and checks the hits of each against the other.
+    fn compare(&mut self, placement: &Placement) -> Matches {
+        let cause = &placement.true_t_reported;
+        let shift_m = Vector3::new(placement.now_m[0], placement.now_m[1], 0.0);
         let mut matches = Matches::default();
-        for (seen, checked) in [(&self.key, &self.now), (&self.now, &self.key)] {
+        for (seen, checked, shift_m) in [(&self.key, &self.now, shift_m), (&self.now, &self.key, -shift_m)] {
             let Some(place_m) = seen.place() else {
                 continue;
             };
@@ -452,7 +544,7 @@ impl MotionCheck {
                 let Some((end_m, distance_m)) = checked.end(ray, cause) else {
                     continue;
                 };
-                let offset_m = end_m - place_m;
+                let offset_m = end_m + shift_m - place_m;
                 let [least_m, most_m] = DISTANCE_M;
                 let is_near = distance_m >= least_m && (least_m..=most_m).contains(&offset_m.norm());
                 match is_near.then(|| self.image.judge(&offset_m)) {
@@ -488,8 +580,19 @@ impl CauseSearch {
     }
 }
 
-/// Every known cause, with the matrix from the reported to the true vector.
-fn causes() -> Vec<(FaultCause, Matrix3<f64>)> {
+/// Every known cause, with how it places the frames.
+fn causes() -> Vec<(FaultCause, Placement)> {
+    let shifts = (-SHIFTS..=SHIFTS).flat_map(|north| (-SHIFTS..=SHIFTS).map(move |east| [north, east]));
+    let shifts = shifts.filter(|shift| *shift != [0, 0]).map(|shift| {
+        let now_m = shift.map(|steps| f64::from(steps) * SHIFT_M);
+        (
+            FaultCause::Adrift,
+            Placement {
+                now_m,
+                ..Placement::AS_REPORTED
+            },
+        )
+    });
     let scales = FACTORS.map(|factor| (FaultCause::Scale(factor), Matrix3::identity() / factor));
     let mirrors = (0..(180.0 / MIRROR_DEG) as i32).map(|number| {
         // The reflection in an upright plane through the sensor.
@@ -507,5 +610,15 @@ fn causes() -> Vec<(FaultCause, Matrix3<f64>)> {
                 })
             })
     });
-    scales.into_iter().chain(mirrors).chain(turns).collect()
+    let of_the_sensor = scales.into_iter().chain(mirrors).chain(turns);
+    let of_the_sensor = of_the_sensor.map(|(cause, true_t_reported)| {
+        (
+            cause,
+            Placement {
+                true_t_reported,
+                ..Placement::AS_REPORTED
+            },
+        )
+    });
+    shifts.chain(of_the_sensor).collect()
 }

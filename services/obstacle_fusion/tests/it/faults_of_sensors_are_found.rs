@@ -84,6 +84,7 @@ fn shows_no_fault(kind: &str) {
         println!("{name} {kind}: {} frames, {:?}", flown.frames, flown.findings);
         assert!(flown.frames > 50);
         assert_eq!(flown.findings, [], "{name} {kind}");
+        assert_eq!(flown.adrift, [], "{name} {kind}");
         assert_eq!(flown.fusion.counters().frames_repeated, 0);
     };
     // The longest test of this binary: every other set in a thread of its own.
@@ -91,6 +92,43 @@ fn shows_no_fault(kind: &str) {
         scope.spawn(|| sensor_sets::names().step_by(2).for_each(shows_none));
         sensor_sets::names().skip(1).step_by(2).for_each(shows_none);
     });
+}
+
+#[test]
+fn a_position_that_runs_off_stops_the_vehicle_within_seconds_and_no_sensor_is_blamed() {
+    let world = world("forest");
+    for name in ["mid360", "os1", "vlp16"] {
+        for off_mps in [[2.0, 0.0, 0.0], [-1.5, 2.5, 0.0], [0.0, -1.2, 0.0]] {
+            let mut path = FlightPath::through(&world);
+            path.runs_off = (14.0, Vector3::from(off_mps));
+            let flown = fly(&world, &set(name), &path, 20.0, |_, _, _| 1);
+            println!("{name}, {off_mps:?}: {:?}, {:?}", flown.adrift, flown.findings);
+            assert_eq!(flown.findings, [], "{name}, {off_mps:?}");
+            assert!(
+                matches!(flown.adrift[..], [(noticed_s, true), ..] if (14.0..20.0).contains(&noticed_s)),
+                "{name}, {off_mps:?}: {:?}",
+                flown.adrift
+            );
+            let is_adrift = flown.adrift.last().is_some_and(|(_, is_adrift)| *is_adrift);
+            assert_eq!(flown.map().ranges_fresh.is_set(), !is_adrift);
+        }
+    }
+}
+
+#[test]
+fn a_fast_flight_with_a_late_estimate_blames_no_sensor() {
+    let world = world("forest");
+    for name in ["mid360", "os1", "vlp16", "sphere"] {
+        let mut path = FlightPath::through(&world);
+        (path.speed_mps, path.late_s) = (12.0, 0.06);
+        let flown = fly(&world, &set(name), &path, 5.0, |_, _, _| 1);
+        println!("{name}: {:?}, {:?}", flown.adrift, flown.findings);
+        assert_eq!(
+            (&flown.findings[..], &flown.adrift[..]),
+            (&[][..], &[][..]),
+            "{name}"
+        );
+    }
 }
 
 #[test]

@@ -32,6 +32,11 @@ pub fn set(name: &str) -> Vec<SensorSpec> {
 /// A path with turns: along the world's own, if it has one, with the nose along it, rolling and pitching.
 pub struct FlightPath {
     corners: Vec<Vector3<f64>>,
+    pub speed_mps: f64,
+    /// The estimate is so old (s).
+    pub late_s: f64,
+    /// From when on (s) the estimated position runs off, and how fast (m/s), as it does when a GPS repeats its last fix.
+    pub runs_off: (f64, Vector3<f64>),
 }
 
 impl FlightPath {
@@ -39,12 +44,15 @@ impl FlightPath {
         let corners = world.way(0.8).unwrap();
         Self {
             corners: corners.iter().map(|corner| corner.vector()).collect(),
+            speed_mps: SPEED_MPS,
+            late_s: 0.0,
+            runs_off: (f64::INFINITY, Vector3::zeros()),
         }
     }
 
     /// Where the vehicle is after `t_s`.
     pub fn pose(&self, t_s: f64) -> Pose {
-        let mut rest_m = SPEED_MPS * t_s;
+        let mut rest_m = self.speed_mps * t_s;
         let mut place = self.corners[self.corners.len() - 1];
         for pair in self.corners.windows(2) {
             let leg = pair[1] - pair[0];
@@ -69,6 +77,8 @@ impl FlightPath {
 pub struct FlightResult {
     /// Every change of a fault: number of the frame of the sensor, and what.
     pub findings: Vec<(u64, SensorFinding)>,
+    /// When the position became adrift, or credible again (s).
+    pub adrift: Vec<(f64, bool)>,
     pub frames: u64,
     pub fusion: Fusion,
     pub now: Timestamp,
@@ -117,7 +127,7 @@ pub fn fly_until(
     let mut rig = SensorRig::new(specs, 3).unwrap();
     let mut track = PoseTrack::new(rig.longest_frame_s() + 0.1, 0.004);
     let (mut cloud, mut scan) = (PointCloud::boxed(), RangeScan::default());
-    let mut findings = Vec::new();
+    let (mut findings, mut adrift) = (Vec::new(), Vec::new());
     let mut frames = 0;
     let steps = (duration_s / 0.004) as u64;
     let mut now = Timestamp::NEVER;
@@ -156,10 +166,12 @@ pub fn fly_until(
             while let Some(finding) = fusion.next_finding() {
                 findings.push((frames, finding));
             }
+            adrift.extend(fusion.adrift_change().map(|sensor| (t_s, sensor.is_some())));
         }
     }
     FlightResult {
         findings,
+        adrift,
         frames,
         fusion,
         now,
@@ -169,8 +181,14 @@ pub fn fly_until(
 /// The estimator's state of the vehicle: off by a slow drift of 0.3 m, and by a degree.
 fn state(path: &FlightPath, t_s: f64) -> VehicleState {
     let estimate = |t_s: f64| {
-        let pose = path.pose(t_s);
-        let drift = Vector3::new((0.6 * t_s).sin(), (0.5 * t_s).cos(), 0.3 * (0.4 * t_s).sin()) * 0.3;
+        let pose = path.pose(t_s - path.late_s);
+        let (runs_from_s, off_mps) = path.runs_off;
+        let off = if t_s > runs_from_s {
+            off_mps * (t_s - runs_from_s)
+        } else {
+            Vector3::zeros()
+        };
+        let drift = off + Vector3::new((0.6 * t_s).sin(), (0.5 * t_s).cos(), 0.3 * (0.4 * t_s).sin()) * 0.3;
         (pose.position.vector() + drift, pose.attitude)
     };
     let (position, attitude) = estimate(t_s);
