@@ -238,6 +238,9 @@ impl Fusion {
         self.home_down_m = state.home_down_m;
         self.armed = state.armed.is_set();
         let estimate = Estimate::of(state);
+        if let Some(estimate) = &estimate {
+            self.moving.vehicle(header.capture, estimate);
+        }
         if estimate.is_some_and(|estimate| self.history.push(estimate, header.capture)) {
             let cell = cell_of(state.position);
             if self.window.must_follow(cell) {

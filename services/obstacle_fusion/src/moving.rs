@@ -8,12 +8,14 @@
 //! "Dynablox: Real-time Detection of Diverse Dynamic Objects in Complex Environments", RA-L 2023, section IV, on this
 //! map's bit planes). Such hits are grouped by columns (`clusters`), and the groups tracked from frame to frame with a
 //! constant velocity (`tracks`). A track is reported once it has moved for a while, as far as its uncertainty allows to
-//! say so: what only flickers, and what the map's own errors shift, is not.
+//! say so: what only flickers, and what the map's own errors shift, is not; nor is what moves as the estimated position slips
+//! (`slip`).
 //!
 //! What moves is in the map as well, like everything that is hit; a track says where it is going to be.
 
 mod clusters;
 mod open_space;
+mod slip;
 mod tracks;
 
 use crate::frame_bits::FrameBits;
@@ -21,8 +23,10 @@ use crate::window::MapWindow;
 use clusters::Clusters;
 use jink_shared_types::Timestamp;
 use jink_shared_types::moving::MovingObstacles;
+use jink_shared_types::pose_history::Estimate;
 use nalgebra::Vector3;
 use open_space::OpenSpace;
+use slip::Slip;
 use tracks::Tracks;
 
 /// What moves around the vehicle.
@@ -30,6 +34,7 @@ pub(crate) struct Moving {
     open: OpenSpace,
     clusters: Clusters,
     tracks: Tracks,
+    slip: Slip,
     /// A sensor that sees height contributes: not only planar scans.
     sees_height: bool,
 }
@@ -40,6 +45,7 @@ impl Moving {
             open: OpenSpace::new(),
             clusters: Clusters::new(),
             tracks: Tracks::new(),
+            slip: Slip::default(),
             sees_height: false,
         }
     }
@@ -48,6 +54,12 @@ impl Moving {
     pub fn clear(&mut self) {
         self.open.clear();
         self.tracks.clear();
+        self.slip = Slip::default();
+    }
+
+    /// Takes an estimate of the vehicle's position and velocity.
+    pub fn vehicle(&mut self, at: Timestamp, estimate: &Estimate) {
+        self.slip.update(at, estimate);
     }
 
     /// A sensor that sees height contributes.
@@ -61,8 +73,9 @@ impl Moving {
         self.clusters.clear();
         self.open
             .hits(frame, window, |cell, is_open| self.clusters.add(cell, is_open));
+        let slipped_m = self.slip.slipped_m();
         self.tracks
-            .update(capture, self.clusters.groups(window.min_cell()));
+            .update(capture, self.clusters.groups(window.min_cell()), &slipped_m);
     }
 
     /// Writes what moves, the nearest to `vehicle_m` (local) first.

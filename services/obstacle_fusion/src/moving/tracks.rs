@@ -101,6 +101,8 @@ struct Track {
     radius_m: f64,
     half_height_m: f64,
     first_m: Vector3<f64>,
+    /// How far the estimated position had slipped by then (m).
+    first_slipped_m: Vector3<f64>,
     first_radius_m: f64,
     first_seen: Timestamp,
     seen: Timestamp,
@@ -112,13 +114,14 @@ struct Track {
 }
 
 impl Track {
-    fn new(id: u32, now: Timestamp, group: &Group) -> Self {
+    fn new(id: u32, now: Timestamp, group: &Group, slipped_m: &Vector3<f64>) -> Self {
         Self {
             id,
             axes: [0, 1, 2].map(|axis| Axis::new(group.centre_m[axis])),
             radius_m: group.radius_m,
             half_height_m: group.half_height_m,
             first_m: group.centre_m,
+            first_slipped_m: *slipped_m,
             first_radius_m: group.radius_m,
             first_seen: now,
             seen: now,
@@ -144,7 +147,7 @@ impl Track {
         (away_m <= GATE_M + GATE_SD * sd_m).then_some(away_m)
     }
 
-    fn correct(&mut self, now: Timestamp, group: &Group) {
+    fn correct(&mut self, now: Timestamp, group: &Group, slipped_m: &Vector3<f64>) {
         let unexpected_m2 = 0.5 * (group.centre_m - self.position_m()).xy().norm_squared();
         // Of the first frames, in which it has no velocity yet, nothing is expected.
         if self.frames >= FRAMES_MIN {
@@ -166,7 +169,10 @@ impl Track {
         self.seen = now;
         self.frames += 1;
         let speed_mps = self.velocity_mps().xy().norm();
-        let moved_m = (self.position_m() - self.first_m).xy().norm();
+        // What stands still moves as the estimated position slips, and what of it lies where nothing was changes with that.
+        let way_m = (self.position_m() - self.first_m).xy();
+        let slipped_m = (slipped_m - self.first_slipped_m).xy();
+        let moved_m = way_m.norm().min((way_m - slipped_m).norm()) - 0.5 * slipped_m.norm();
         // What comes into view grows, and its centre moves with that.
         let grown_m = (self.radius_m - self.first_radius_m).abs();
         let certain_mps = MOVING_SD * self.axes[0].covariance[2].sqrt();
@@ -225,8 +231,9 @@ impl Tracks {
         self.now = Timestamp::NEVER;
     }
 
-    /// Takes the groups of a frame captured at `capture`: the nearest pairs of track and group first.
-    pub fn update(&mut self, capture: Timestamp, groups: &[Group]) {
+    /// Takes the groups of a frame captured at `capture`, when the estimated position has slipped by `slipped_m` so far: the
+    /// track and group first.
+    pub fn update(&mut self, capture: Timestamp, groups: &[Group], slipped_m: &Vector3<f64>) {
         let groups = &groups[..groups.len().min(TRACKS_MAX)];
         let passed_s = if self.now.is_set() {
             capture.seconds_since(self.now)
@@ -264,7 +271,7 @@ impl Tracks {
             if !track.is_matched && !self.used[*group] {
                 track.is_matched = true;
                 self.used[*group] = true;
-                track.correct(now, &groups[*group]);
+                track.correct(now, &groups[*group], slipped_m);
             }
         }
         self.tracks
@@ -272,7 +279,7 @@ impl Tracks {
         for (group, is_used) in groups.iter().zip(&self.used) {
             if !is_used && self.tracks.len() < TRACKS_MAX {
                 self.last_id = self.last_id.wrapping_add(1).max(1);
-                self.tracks.push(Track::new(self.last_id, now, group));
+                self.tracks.push(Track::new(self.last_id, now, group, slipped_m));
             }
         }
     }
@@ -307,10 +314,16 @@ mod tests {
 
     /// What is reported of one group as it is at each of 20 frames a second, after two seconds.
     fn seen(group_at: impl Fn(f64) -> Group) -> MovingObstacles {
+        seen_while_slipping(group_at, 0.0)
+    }
+
+    /// The same while the estimated position slips north by `slips_mps`.
+    fn seen_while_slipping(group_at: impl Fn(f64) -> Group, slips_mps: f64) -> MovingObstacles {
         let mut tracks = Tracks::new();
         for frame in 0..=40 {
             let t_s = 0.05 * f64::from(frame);
-            tracks.update(Timestamp::from_seconds(100.0 + t_s), &[group_at(t_s)]);
+            let now = Timestamp::from_seconds(100.0 + t_s);
+            tracks.update(now, &[group_at(t_s)], &Vector3::new(slips_mps * t_s, 0.0, 0.0));
         }
         let mut moving = MovingObstacles::default();
         tracks.write(&Vector3::new(0.0, 0.0, -2.0), &mut moving);
@@ -328,6 +341,23 @@ mod tests {
             }
         };
         assert!(seen(grows).obstacles().is_empty());
+    }
+
+    #[test]
+    fn what_moves_only_as_the_estimated_position_slips_does_not_move() {
+        let goes_north = |t_s: f64| Group {
+            centre_m: Vector3::new(5.0 + t_s, 1.0, -1.0),
+            radius_m: 0.3,
+            half_height_m: 1.0,
+        };
+        for (slips_mps, moves) in [(0.0, true), (1.0, false), (0.9, false), (-1.0, true)] {
+            let moving = seen_while_slipping(goes_north, slips_mps);
+            assert_eq!(
+                !moving.obstacles().is_empty(),
+                moves,
+                "{slips_mps} m/s: {moving:?}"
+            );
+        }
     }
 
     #[test]
