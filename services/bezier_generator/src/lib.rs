@@ -369,7 +369,7 @@ impl CertificateBounds {
 
 #[cfg(test)]
 mod tests {
-    use super::{CertificateBounds, Generator, NoTrajectory};
+    use super::{CORRIDOR_TOLERANCE_M, CertificateBounds, Generator, NoTrajectory};
     use jink_shared_types::bezier::{End, quintic_between};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::{
@@ -464,6 +464,28 @@ mod tests {
             let reached = extremes(&pieces, false)[broken];
             values[broken] = (reached * (1.0 - excess) - LIMIT_SLACK) / (1.0 + LIMIT_TOLERANCE);
             prop_assert!(!are_certified(&pieces, &limits_of(values)), "{values:?}, {reached} reached");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_leaves_its_polytope_is_not_certified(
+            pieces in hop(), direction in proptest::array::uniform3(-1.0..1.0f64), outside_m in 1e-6..0.5f64,
+        ) {
+            let normal = Vector3::from(direction);
+            prop_assume!(normal.norm() > 0.1);
+            let normal = normal.normalize();
+            let bounds = CertificateBounds::new(&limits_of(extremes(&pieces, true)), 0.0);
+            for piece in &pieces {
+                let reach_m = piece.points().iter().map(|point| normal.dot(point)).fold(f64::NEG_INFINITY, f64::max);
+                let is_certified = |offset_m: f64| {
+                    let mut polytope = Polytope::default();
+                    polytope.push(HalfSpace { normal: normal.into(), offset_m });
+                    bounds.certify(piece, &polytope)
+                };
+                prop_assert!(is_certified(reach_m + 1e-9));
+                prop_assert!(!is_certified(reach_m - CORRIDOR_TOLERANCE_M - outside_m));
+            }
         }
     }
 

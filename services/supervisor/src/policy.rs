@@ -173,6 +173,20 @@ mod tests {
     }
 
     #[test]
+    fn each_early_death_in_a_row_is_followed_by_a_longer_delay() {
+        let rule = RestartRule::default();
+        let mut history = RestartHistory::default();
+        let now = Timestamp::from_seconds(50.0);
+        let delays = [0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64];
+        for delay_s in delays {
+            assert_eq!(
+                history.died(&rule, now, 0.1, false),
+                RestartDecision::RestartAfter(delay_s)
+            );
+        }
+    }
+
+    #[test]
     fn a_process_that_worked_for_a_second_starts_again_at_once() {
         let rule = RestartRule::default();
         let mut history = RestartHistory::default();

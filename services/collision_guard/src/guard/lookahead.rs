@@ -284,3 +284,80 @@ fn stopping_m(state: &MotionState, jerk_mps3: f64, demand: &LookaheadDemand) -> 
     let top_mps = speed_mps + 0.5 * gain_mps2 * release_s;
     top_mps * release_s + stopping_distance_m(top_mps, demand.delay_s, demand.brake_mps2, jerk_mps3)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{LookaheadDemand, PathWalk, stopping_m};
+    use jink_shared_types::frames::{Acceleration, Velocity};
+    use jink_shared_types::motion::{GuardReason, MotionState};
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    #[test]
+    fn every_stop_ends_before_an_obstacle_and_the_longest_one_fits_in_front_of_the_unseen() {
+        let walk = PathWalk {
+            way_m: 5.0,
+            last: Vector3::zeros(),
+            best_clearance_m: 1.0,
+            clear_until_m: 0.0,
+            steps: 100,
+            reach_m: 4.0,
+            longest_stop_m: 3.0,
+        };
+        let needed_m = |conflict: GuardReason, is_within_horizon: bool| {
+            walk.end(conflict, is_within_horizon, 2.0).needed_m
+        };
+        assert_eq!(needed_m(GuardReason::Obstacle, false), 4.0);
+        assert_eq!(needed_m(GuardReason::Unseen, false), 3.0);
+        for conflict in [GuardReason::Obstacle, GuardReason::Unseen] {
+            assert_eq!(needed_m(conflict, true), f64::INFINITY);
+        }
+    }
+
+    /// Distance that a motion with these accelerations at times in a row takes until it is at rest (m), step by step: the acceleration is
+    /// released with the jerk, the reaction time passes, and the brake builds up with the same jerk.
+    fn flown_m(speed_mps: f64, acceleration_mps2: f64, jerk_mps3: f64, demand: &LookaheadDemand) -> f64 {
+        const STEP_S: f64 = 1e-4;
+        let (mut speed_mps, mut acceleration_mps2) = (speed_mps, acceleration_mps2);
+        let (mut way_m, mut waited_s) = (0.0, 0.0);
+        while speed_mps > 0.0 {
+            if acceleration_mps2 > 0.0 {
+                acceleration_mps2 = (acceleration_mps2 - jerk_mps3 * STEP_S).max(0.0);
+            } else if waited_s < demand.delay_s {
+                waited_s += STEP_S;
+            } else {
+                acceleration_mps2 = (acceleration_mps2 - jerk_mps3 * STEP_S).max(-demand.brake_mps2);
+            }
+            way_m += speed_mps * STEP_S;
+            speed_mps += acceleration_mps2 * STEP_S;
+        }
+        way_m
+    }
+
+    proptest! {
+        #[test]
+        fn the_stopping_distance_of_a_motion_that_speeds_up_holds_what_it_gains(
+            speed_mps in 0.3..6.0f64, gain_mps2 in 0.0..4.0f64, jerk_mps3 in 6.0..15.0f64,
+            delay_s in 0.0..0.5f64, brake_mps2 in 1.0..3.0f64,
+        ) {
+            let demand = LookaheadDemand {
+                clearance_m: 0.5,
+                standoff_m: 0.5,
+                delay_s,
+                brake_mps2,
+                horizon_s: 0.0,
+                loss_counts: true,
+            };
+            let state = |acceleration_mps2: f64| MotionState {
+                velocity: Velocity::new(0.6 * speed_mps, -0.8 * speed_mps, 0.0),
+                acceleration: Acceleration::new(0.6 * acceleration_mps2, -0.8 * acceleration_mps2, 0.0),
+                ..MotionState::default()
+            };
+            let needed_m = stopping_m(&state(gain_mps2), jerk_mps3, &demand);
+            let way_m = flown_m(speed_mps, gain_mps2, jerk_mps3, &demand);
+            prop_assert!(way_m <= needed_m + 2e-3, "{way_m} m flown, {needed_m} m said");
+            // Whoever slows down already is not believed to need less.
+            prop_assert!(stopping_m(&state(-gain_mps2), jerk_mps3, &demand) >= stopping_m(&state(0.0), jerk_mps3, &demand) - 1e-9);
+        }
+    }
+}
