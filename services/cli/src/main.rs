@@ -33,6 +33,8 @@ enum Command {
     Status(cmd::status::Args),
     /// Show all that live: services, hops, rates, events
     Top(cmd::top::Args),
+    /// Show what the services have logged, also of runs before
+    Log(cmd::log::Args),
     /// Show what the guard sees around the vehicle, or have it plotted
     Ring(cmd::ring::Args),
     /// List topics, measure their rates, show what they say
@@ -73,7 +75,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
         "Fly (`jink demo` is the first to try, and needs nothing else)",
         &["demo", "up", "down", "instances"],
     ),
-    ("Look", &["status", "top", "ring", "topic", "schema"]),
+    ("Look", &["status", "top", "log", "ring", "topic", "schema"]),
     ("Change", &["param", "swap", "restart", "stop"]),
     ("Check before the flight", &["check"]),
     ("Simulate", &["world", "chaos", "campaign", "approach"]),
@@ -119,6 +121,7 @@ fn main() -> ExitCode {
         Command::Down(args) => cmd::down::run(&cli.instance, &args),
         Command::Status(args) => cmd::status::run(&cli.instance, &args),
         Command::Top(args) => cmd::top::run(&cli.instance, &args),
+        Command::Log(args) => cmd::log::run(&cli.instance, &args),
         Command::Ring(args) => cmd::ring::run(&cli.instance, &args),
         Command::Topic(args) => cmd::topic::run(&cli.instance, &args),
         Command::Schema(args) => cmd::schema::run(&args),

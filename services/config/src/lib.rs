@@ -32,6 +32,11 @@ use toml::Spanned;
 /// Name of the configuration file in its folder.
 pub const CONFIG_FILE: &str = "jink.toml";
 
+/// What the logs of the processes may take on a disk unless the configuration says more (MB): some dozens of flights.
+const LOG_MAX_MB: u32 = 200;
+/// And at least (MB): the logs of one run, each limited for itself.
+const LOG_LEAST_MB: u32 = 20;
+
 /// Name of the process table in the same folder.
 pub const PROCESS_FILE: &str = "services.toml";
 
@@ -64,6 +69,10 @@ pub struct Config {
     pub params: ParamSet,
     /// Where changed parameters are kept; `None` = with the instance.
     pub param_store: Option<PathBuf>,
+    /// Where the logs of the processes are kept; `None` = where the service manager keeps them, or with the instance.
+    pub log_dir: Option<PathBuf>,
+    /// What the logs of that folder may take (MB).
+    pub log_max_mb: u32,
     /// The link to the autopilot, and the others.
     pub link: Link,
     /// The virtual world, where there is one.
@@ -191,6 +200,8 @@ pub const SENSOR_KINDS: &[(&str, SensorOutput)] = &[
 #[derive(Default)]
 struct File {
     param_store: String,
+    log_dir: String,
+    log_max_mb: Option<Spanned<u32>>,
     params: BTreeMap<Spanned<String>, Spanned<f64>>,
     link: Link,
     simulation: Simulation,
@@ -258,8 +269,18 @@ impl Config {
             message,
         };
         parsed.link.check(&at)?;
+        if let Some(least) = parsed
+            .log_max_mb
+            .as_ref()
+            .filter(|mb| *mb.get_ref() < LOG_LEAST_MB)
+        {
+            let message = format!("log_max_mb is a number from {LOG_LEAST_MB}");
+            return Err(at(least.span().start, message));
+        }
         let mut config = Self {
             param_store: (!parsed.param_store.is_empty()).then(|| PathBuf::from(&parsed.param_store)),
+            log_dir: (!parsed.log_dir.is_empty()).then(|| PathBuf::from(&parsed.log_dir)),
+            log_max_mb: parsed.log_max_mb.map_or(LOG_MAX_MB, |mb| *mb.get_ref()),
             link: parsed.link,
             simulation: parsed.simulation,
             params: ParamSet::declaring(match parsed.parameter.as_slice() {

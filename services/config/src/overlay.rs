@@ -423,18 +423,25 @@ fn profile_file(folder: &Path, profile: &str) -> Result<PathBuf, ConfigError> {
     Err(problem(&file, format!("there is no profile {profile:?}{hint}")))
 }
 
+/// Keys above all sections.
+const TOP_KEYS: [&str; 3] = ["param_store", "log_dir", "log_max_mb"];
+
 /// One `section.key=value` as a text of its own. A value that is no TOML is taken as text, so that an address needs no quotes.
 fn override_layer(text: &str) -> Result<Layer, ConfigError> {
     let label = PathBuf::from(format!("--set {text}"));
     let refused = |message: &str| problem(&label, message.to_owned());
-    let Some(((section, key), value)) = text
+    // Few keys stand in no section.
+    let is_whole = |path: &str| path.contains('.') || TOP_KEYS.contains(&path);
+    let Some((path, value)) = text
         .split_once('=')
-        .and_then(|(path, value)| Some((path.trim().split_once('.')?, value.trim())))
+        .map(|(path, value)| (path.trim(), value.trim()))
+        .filter(|(path, _)| is_whole(path))
     else {
         return Err(refused(
             "write section.key=value, e.g. link.address=udpin:0.0.0.0:14540",
         ));
     };
+    let (section, key) = path.split_once('.').unwrap_or((path, ""));
     if matches!(section, "sensor" | "parameter") {
         return Err(refused(&format!(
             "{section}s are a list: change them in jink.toml or in a profile"
@@ -443,8 +450,11 @@ fn override_layer(text: &str) -> Result<Layer, ConfigError> {
     let value = value
         .parse::<Value>()
         .unwrap_or_else(|_| Value::String(value.to_owned()));
-    let inner = Table::from_iter([(key.to_owned(), value)]);
-    let table = Table::from_iter([(section.to_owned(), Value::Table(inner))]);
+    let value = match key {
+        "" => value,
+        key => Value::Table(Table::from_iter([(key.to_owned(), value)])),
+    };
+    let table = Table::from_iter([(section.to_owned(), value)]);
     Ok(Layer {
         text: toml::to_string(&table).map_err(|error| refused(&error.to_string()))?,
         file: label,
@@ -502,11 +512,18 @@ mod tests {
     #[test]
     fn the_later_source_wins_key_by_key() {
         let folder = Folder::new("wins", BASE, "[params]\nOA_SPD_MAX = 6\nOA_GOAL_RAD = 1\n");
-        let overrides =
-            ["params.OA_SPD_MAX=4.5", "link.address=serial:/dev/ttyTHS1:921600"].map(str::to_owned);
+        let overrides = [
+            "params.OA_SPD_MAX=4.5",
+            "link.address=serial:/dev/ttyTHS1:921600",
+            "log_dir=/var/log/jink",
+            "log_max_mb=30",
+        ]
+        .map(str::to_owned);
         let resolved = Config::resolve(&folder.0, Some("fast"), None, &overrides).unwrap();
         let again = Config::parse(&folder.0, &resolved.text).unwrap();
         for config in [&resolved.config, &again] {
+            assert_eq!(config.log_dir, Some("/var/log/jink".into()));
+            assert_eq!(config.log_max_mb, 30);
             assert_eq!(
                 config.params.get(&params::OA_SPD_MAX),
                 4.5,

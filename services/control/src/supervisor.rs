@@ -120,7 +120,7 @@ impl Supervisor {
         }
         let late = std::fs::read_to_string(self.log_file()).unwrap_or_default();
         match last_error(&late) {
-            Some(reason) => format!("{reason}\nlogs: {}", self.instance.log_folder().display()),
+            Some(reason) => format!("{reason}\nlogs: {}", self.instance.log_place().display()),
             None => format!("the supervisor ended without a word\n{early}"),
         }
     }

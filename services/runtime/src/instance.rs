@@ -63,6 +63,9 @@ impl fmt::Display for Instance {
     }
 }
 
+/// Less room than this (bytes) is none: a service that fails again and again writes that within a minute.
+const LOG_ROOM_BYTES: u64 = 1 << 18;
+
 /// Where the folders of all instances are.
 const ROOT: &str = SHARED_MEMORY;
 /// Rights of an instance's folder: its user's.
@@ -195,9 +198,21 @@ impl Instance {
         self.folder().join("parameters_at_start.toml")
     }
 
-    /// Where the processes' logs are kept while the instance is up.
+    /// Where the processes' logs are: in memory while the instance is up, or a link to the folder on a disk that this run has.
     pub fn log_folder(&self) -> PathBuf {
         self.folder().join("log")
+    }
+
+    /// The same for people: what a link leads to.
+    pub fn log_place(&self) -> PathBuf {
+        let folder = self.log_folder();
+        folder.canonicalize().unwrap_or(folder)
+    }
+
+    /// Whether the logs have a folder with room in it.
+    pub fn logs_have_room(&self) -> bool {
+        let free = rustix::fs::statvfs(self.log_folder()).map(|system| system.f_bavail * system.f_frsize);
+        free.is_ok_and(|bytes| bytes >= LOG_ROOM_BYTES)
     }
 
     /// The lock that says "up": held by the supervisor, its process id inside.

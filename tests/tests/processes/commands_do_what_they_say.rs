@@ -1,5 +1,6 @@
 //! The `jink` command on a jink that runs: what one command says that another one does, it does.
 
+use jink_testkit::pseudo_terminal::plug_in;
 use jink_tests::permit;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Answer, System, TempFolder, answer, program, until};
@@ -278,6 +279,52 @@ fn instances_are_listed_and_what_ended_ones_left_is_removed() {
         of(&json(&jink.jink(&["instances", "--json"])), &left),
         Value::Null
     );
+}
+
+#[test]
+fn logs_on_a_disk_outlive_the_instance_and_are_read_in_plain_words() {
+    let logs = TempFolder::new("logs");
+    let config = TempFolder::new("logs_config");
+    config.write("jink.toml", &format!("log_dir = {:?}\n", logs.text()));
+    let set = format!("log_dir={}", logs.text());
+    let jink = simulated("logs", &["--set", &set]);
+    let while_up = jink.jink(&["log", "supervisor"]);
+    assert!(
+        while_up.stdout.contains("supervisor          started"),
+        "{while_up:?}"
+    );
+    let name = jink.instance().to_owned();
+    drop(jink);
+    assert!(!std::path::Path::new(&format!("/dev/shm/jink_{name}")).exists());
+    let log = |arguments: &[&str]| {
+        let mut command = program("jink", &["--instance", &name, "log", "--config", config.text()]);
+        answer(command.args(arguments))
+    };
+    let all = log(&[]);
+    for service in ["supervisor", "mavlink_gateway"] {
+        assert!(
+            all.stdout.contains(&format!("  {service} ")),
+            "{service}: {all:?}"
+        );
+    }
+    assert!(!log(&["planner"]).stdout.contains("  supervisor "));
+    let unknown = log(&["planer"]);
+    assert_eq!(unknown.code, Some(1));
+    assert!(unknown.stderr.contains("did you mean `planner`?"), "{unknown:?}");
+    assert_eq!(log(&["--before", "1"]).code, Some(1), "there was one run");
+}
+
+#[test]
+fn an_autopilot_that_is_plugged_in_after_the_start_is_waited_for() {
+    let folder = TempFolder::new("plug");
+    let device = folder.path().join("ttyACM0");
+    let link = format!("serial:{}:57600", device.display());
+    let jink = System::up("plug", &["--world", "forest", "--link", &link]);
+    let waits = || jink.status()["link"]["links"][0]["is_waited_for"].clone();
+    until("the wait for a device", || waits() == true);
+    let _control = plug_in(&device);
+    until("the device", || waits() == false);
+    assert_eq!(jink.service("mavlink_gateway")["restarts"], 0);
 }
 
 #[test]

@@ -5,6 +5,7 @@ pub mod check;
 pub mod down;
 pub mod instances;
 pub mod lidar;
+pub mod log;
 pub mod param;
 pub mod ring;
 pub mod schema;

@@ -68,7 +68,8 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         ends,
     )
     .with_space(known)
-    .with_speed(space.speed());
+    .with_speed(space.speed())
+    .with_log_room(instance.logs_have_room());
     if args.json {
         let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");

@@ -1,5 +1,6 @@
 //! What the commands show, as functions of what they have read.
 
+pub mod log;
 pub mod params;
 pub mod ring;
 pub mod sample_json;

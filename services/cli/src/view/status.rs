@@ -37,6 +37,8 @@ pub struct Report {
     pub space: Option<KnownSpace>,
     /// How fast plans get; `None` if the planner does not say.
     pub speed: Option<PlannedSpeed>,
+    /// Whether there is room for the logs.
+    pub logs_have_room: bool,
     /// How processes ended that ended.
     pub ends: Vec<PostMortem>,
 }
@@ -195,6 +197,8 @@ pub struct Link {
     pub stages: Vec<StageLatency>,
     /// Each link by itself, the autopilot's first.
     pub links: Vec<LinkFigures>,
+    /// What becomes of the telemetry log.
+    pub telemetry_log: String,
 }
 
 impl Report {
@@ -208,6 +212,7 @@ impl Report {
     ) -> Self {
         Self {
             ends,
+            logs_have_room: true,
             space: None,
             speed: None,
             instance: instance.to_owned(),
@@ -226,6 +231,12 @@ impl Report {
     /// The same with what map and planner say.
     pub fn with_space(mut self, space: Option<KnownSpace>) -> Self {
         self.space = space;
+        self
+    }
+
+    /// The same with whether there is room for the logs.
+    pub fn with_log_room(mut self, logs_have_room: bool) -> Self {
+        self.logs_have_room = logs_have_room;
         self
     }
 
@@ -260,13 +271,17 @@ impl Report {
         out.push('\n');
         out.push_str(&self.link.as_ref().map_or_else(
             || "link: the gateway has said nothing yet\n".to_owned(),
-            |link| link.line() + &LinkFigures::lines(&link.links),
+            |link| link.line() + &LinkFigures::lines(&link.links) + link.log_line(),
         ));
         if let Some(space) = &self.space {
             out.push_str(&space.lines());
         }
         if let Some(speed) = &self.speed {
             out.push_str(&speed.line());
+        }
+        out.push_str(&self.late_line());
+        if !self.logs_have_room {
+            out.push_str("logs: full\n");
         }
         if !self.ends.is_empty() {
             out.push('\n');
@@ -279,6 +294,20 @@ impl Report {
 }
 
 impl Report {
+    /// Which services have put out samples older than their end-to-end budget.
+    fn late_line(&self) -> String {
+        let late: Vec<String> = self
+            .services
+            .iter()
+            .filter(|service| service.late_outputs > 0)
+            .map(|service| format!("{} {}", service.name, service.late_outputs))
+            .collect();
+        if late.is_empty() {
+            return String::new();
+        }
+        format!("late outputs since the start: {}\n", late.join(", "))
+    }
+
     /// The services as a table, the first row its header.
     pub fn table(&self) -> Vec<[String; COLUMNS]> {
         std::iter::once(HEADER.map(str::to_owned))
@@ -454,6 +483,15 @@ impl Link {
             capture_to_wire_max_ms: max_ms,
             stages: StageLatency::of(&link.sample.stages, &link.sample.hops),
             links: LinkFigures::of(link.sample, uptime_s),
+            telemetry_log: link.sample.telemetry_log.get().to_string(),
+        }
+    }
+
+    /// Only a telemetry log that has ended is worth a line.
+    fn log_line(&self) -> &'static str {
+        match self.telemetry_log.as_str() {
+            "full" => "telemetry log: full\n",
+            _ => "",
         }
     }
 

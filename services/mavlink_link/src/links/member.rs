@@ -9,7 +9,9 @@ use crate::signing::stamps::{self, StampKeeper};
 use crate::signing::{SIGNATURE_BYTES, SIGNED_FRAME_MAX, SignatureRefusal, sign};
 use crate::tlog::Tlog;
 use jink_runtime::config::Signing;
-use jink_shared_types::events::{EventSample, LINK_FAST_AGAIN, LINK_OPEN, LINK_SLOW, LINK_WAITED, SECOND_SENDER};
+use jink_shared_types::events::{
+    EventSample, LINK_FAST_AGAIN, LINK_OPEN, LINK_SLOW, LINK_WAITED, SECOND_SENDER,
+};
 use jink_shared_types::health::{NAME_BYTES, Name};
 use jink_shared_types::link::LinkTraffic;
 use jink_shared_types::{Flag, Timestamp};

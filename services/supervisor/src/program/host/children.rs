@@ -364,11 +364,11 @@ impl Children {
             .map_or_else(Vec::new, |slot| slot.log.last_lines(POST_MORTEM_LINES))
     }
 
-    /// Keeps the logs within their bounds.
-    pub fn limit_logs(&mut self) {
+    /// Moves logs aside that are longer than `max_bytes`.
+    pub fn limit_logs(&mut self, max_bytes: u64) {
         for slot in &mut self.slots {
             // A log that is not there yet is short enough.
-            let _ = (slot.log.limit(), slot.shadow_log.limit());
+            let _ = (slot.log.limit(max_bytes), slot.shadow_log.limit(max_bytes));
         }
     }
 

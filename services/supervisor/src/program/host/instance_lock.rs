@@ -125,15 +125,15 @@ impl InstanceLock {
         self.instance.wipe()
     }
 
-    /// Removes everything but the logs; answers where they are.
-    pub fn clear_but_logs(&self) -> std::io::Result<PathBuf> {
+    /// Removes everything but the logs.
+    pub fn clear_but_logs(&self) -> std::io::Result<()> {
         let logs = self.instance.log_folder();
         let aside = logs.with_extension("kept");
         std::fs::rename(&logs, &aside)?;
         self.instance.wipe()?;
         std::fs::rename(&aside, &logs)?;
         super::record::remove(&self.instance);
-        Ok(logs)
+        Ok(())
     }
 
     /// Removes everything, the instance's folder included.

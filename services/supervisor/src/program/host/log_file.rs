@@ -8,8 +8,6 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
 
-/// A log that has grown beyond this is moved aside once (bytes); the logs lie in memory.
-const SIZE_MAX: u64 = 1 << 20;
 /// The last lines are looked for in this much of the end (bytes).
 const TAIL: u64 = 8 << 10;
 
@@ -55,10 +53,10 @@ impl LogFile {
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 
-    /// Moves what has been written aside (`.log.1`, replacing what was there) if it is too much. The writer appends, so
-    /// it continues at the beginning of the emptied file.
-    pub fn limit(&mut self) -> std::io::Result<()> {
-        if std::fs::metadata(&self.path)?.len() <= SIZE_MAX {
+    /// Moves what has been written aside (`.log.1`, replacing what was there) if it is more than `max_bytes`. The writer
+    /// appends, so it continues at the beginning of the emptied file.
+    pub fn limit(&mut self, max_bytes: u64) -> std::io::Result<()> {
+        if std::fs::metadata(&self.path)?.len() <= max_bytes {
             return Ok(());
         }
         std::fs::copy(&self.path, self.path.with_extension("log.1"))?;
@@ -77,7 +75,7 @@ fn plain(line: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{LogFile, SIZE_MAX, plain};
+    use super::{LogFile, plain};
     use std::io::Write;
     use std::path::PathBuf;
 
@@ -104,8 +102,8 @@ mod tests {
     fn a_log_never_holds_more_than_its_limit_for_long() {
         let mut log = log("limit");
         let mut writer = log.open().unwrap();
-        writer.write_all(&vec![b'x'; SIZE_MAX as usize + 1]).unwrap();
-        log.limit().unwrap();
+        writer.write_all(&[b'x'; 1001]).unwrap();
+        log.limit(1000).unwrap();
         writeln!(writer, "after").unwrap();
         assert_eq!(
             std::fs::read_to_string(&log.path).unwrap(),

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`instance_lock`] | the lock that makes a supervisor the only one of its instance; removing the instance's memory |
 //! | [`record`] | which processes were started, for the supervisor after a killed one |
-//! | [`children`], [`log_file`] | starting, signalling, reaping; what the processes write |
+//! | [`children`], [`log_file`], [`run_logs`] | starting, signalling, reaping; what the processes write, and where |
 //! | [`cores`] | whether a core runs at all, as a virtual one may not |
 //! | [`requests`] | requests of the command line |
 //! | [`post_mortem`] | how a process ended, for later queries |
@@ -21,6 +21,7 @@ mod notify;
 mod post_mortem;
 mod record;
 mod requests;
+mod run_logs;
 mod sweeper;
 mod system;
 mod upgrade;
@@ -40,6 +41,7 @@ use log_file::LogFile;
 use notify::Notifier;
 use record::{ProcessRecord, SurvivingProcess};
 use requests::Requests;
+use run_logs::RunLogs;
 use rustix::process::{Signal, pidfd_send_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::os::fd::OwnedFd;
@@ -70,14 +72,14 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     let record = ProcessRecord::new(&args.instance);
     let surviving = record.surviving();
     let is_first = surviving.is_empty();
-    // What is said here is all that is left of a start that fails.
     let mut terminal = None;
     let run = supervise(args, &lock, record, surviving, &mut terminal);
     let has_failed = match &run {
         Ok(run) => matches!(run.end, End::CannotStart { .. }),
         Err(_) => true,
     };
-    if let Some(terminal) = terminal.filter(|_| has_failed) {
+    if let Some(terminal) = terminal.as_ref().filter(|_| has_failed) {
+        // What is said here is all that is left of a start that fails.
         rustix::stdio::dup2_stderr(terminal)?;
     }
     let run = match run {
@@ -92,8 +94,14 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     let code = conclude(run.end, &run.report.reason);
     // Of a start that could not be, all has been said.
     if !has_failed && (args.keep_logs || run.report.any_failed || run.end != End::Stopped) {
-        let folder = lock.clear_but_logs()?;
+        lock.clear_but_logs()?;
+        let folder = args.instance.log_place();
         tracing::info!("logs are kept in {}", folder.display());
+        if let Some(terminal) = terminal.filter(|_| run.end != End::Stopped) {
+            let text = format!("jink-supervisor: {}; logs: {}\n", run.report.reason, folder.display());
+            // Who has started it may have gone.
+            let _nobody_listens = rustix::io::write(&terminal, text.as_bytes());
+        }
     } else {
         lock.release()?;
     }
@@ -115,7 +123,8 @@ fn supervise(
     terminal: &mut Option<OwnedFd>,
 ) -> Result<Run, Failure> {
     let programs = program_folder()?;
-    let (config, rows) = if surviving.is_empty() {
+    let is_new = surviving.is_empty();
+    let (config, rows) = if is_new {
         let (resolved, rows) = configured(args, &programs)?;
         lock.clear()?;
         has_room(args, &resolved.config)?;
@@ -132,11 +141,17 @@ fn supervise(
         let rows = ProcessTable::load(&folder)?.select(args.mode, &programs, &config.sensors)?;
         (config, rows)
     };
-    std::fs::create_dir_all(args.instance.log_folder())?;
+    let logs = match is_new {
+        true => RunLogs::begin(&args.instance, &config)?,
+        false => RunLogs::resume(&args.instance, &config)?,
+    };
     if args.log_to_file {
         let mut log = LogFile::new(&args.instance, "supervisor");
         *terminal = Some(rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stderr(), 0)?);
         rustix::stdio::dup2_stderr(log.open()?)?;
+    }
+    if let Some(why) = &logs.misplaced {
+        tracing::error!("the logs stay in memory: {why}");
     }
     let stop_signal = signals()?;
 
@@ -160,7 +175,7 @@ fn supervise(
         stop_signal,
         requests,
         Sweeper::start(&args.instance)?,
-        args.instance.clone(),
+        logs,
     );
     if adopted > 0 {
         system.report_adopted(adopted);

@@ -4,13 +4,14 @@ use super::children::Children;
 use super::notify::Notifier;
 use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
+use super::run_logs::RunLogs;
 use super::sweeper::Sweeper;
 use super::upgrade::{Trial, supervisor_in};
 use crate::shadow::{PROBATION_CYCLES, SwapProgress, SwapRefusal};
 use crate::shared::{PROGRAM, SupervisorTopics};
 use crate::supervision::{Action, End, Exit, Observation, Supervision};
+use jink_runtime::programs;
 use jink_runtime::request::{Answer, Request};
-use jink_runtime::{Instance, programs};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, PROCESSES};
@@ -50,9 +51,11 @@ pub struct System {
     stop_signal: UnixStream,
     sweeper: Sweeper,
     requests: Requests,
-    instance: Instance,
     trial: Option<Trial>,
     upgrade: Option<PathBuf>,
+    logs: RunLogs,
+    /// Whether what is written into them stays, as far as the pilot was told.
+    logs_are_kept: bool,
     logs_due: Timestamp,
     observations: Vec<Observation>,
     actions: Vec<Action>,
@@ -70,7 +73,7 @@ impl System {
         stop_signal: UnixStream,
         requests: Requests,
         sweeper: Sweeper,
-        instance: Instance,
+        logs: RunLogs,
     ) -> Self {
         Self {
             supervision,
@@ -80,9 +83,10 @@ impl System {
             stop_signal,
             sweeper,
             requests,
-            instance,
             trial: None,
             upgrade: None,
+            logs,
+            logs_are_kept: true,
             logs_due: Timestamp::NEVER,
             observations: Vec::with_capacity(4 * PROCESSES),
             actions: Vec::with_capacity(4 * PROCESSES),
@@ -121,7 +125,8 @@ impl System {
             self.notifier.update(now, &self.supervision);
             if now >= self.logs_due {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
-                self.children.limit_logs();
+                self.children.limit_logs(self.logs.file_max_bytes);
+                self.watch_logs(now);
                 self.shared.announce();
             }
             // The results of an action are processed before anything else.
@@ -181,6 +186,20 @@ impl System {
         tracing::info!(process, "swap: {text}");
         let (last, good) = (progress.is_last(), progress.is_good());
         self.requests.notify(process, &Answer { text, last, good });
+    }
+
+    /// Reports when there is no room for logs any more, and when there is again: nobody reads that in a log.
+    fn watch_logs(&mut self, now: Timestamp) {
+        let are_kept = self.logs.are_kept();
+        if self.logs_are_kept != are_kept {
+            self.logs_are_kept = are_kept;
+            let event = if are_kept {
+                &events::LOGS_KEPT
+            } else {
+                &events::LOGS_LOST
+            };
+            self.shared.raise(now, &EventSample::new(event, "", [0.0; 2]));
+        }
     }
 
     fn publish(&mut self, now: Timestamp, changed: bool) {
@@ -385,7 +404,7 @@ impl System {
     fn log_ends(&mut self) {
         for report in self.dead.drain(..) {
             report.log();
-            if let Err(error) = report.write(&self.instance) {
+            if let Err(error) = report.write(&self.logs.instance) {
                 tracing::warn!("the post-mortem cannot be written: {error}");
             }
         }
