@@ -204,11 +204,11 @@ mod tests {
         let mut reader = Reader::new(run.clone());
         write!(log, "one\ntw").unwrap();
         assert_eq!(reader.new_text(&path).unwrap(), "one\n");
-        write!(log, "o\n").unwrap();
+        writeln!(log, "o").unwrap();
         assert_eq!(reader.new_text(&path).unwrap(), "two\n");
         assert_eq!(reader.new_text(&path).unwrap(), "");
         log.set_len(0).unwrap();
-        write!(log, "a\n").unwrap();
+        writeln!(log, "a").unwrap();
         assert_eq!(reader.new_text(&path).unwrap(), "a\n");
         std::fs::remove_dir_all(&run).unwrap();
     }
