@@ -23,7 +23,7 @@ pub const REMEDY: &str = "make /dev/shm larger (mount -o remount,size=256M /dev/
 pub(crate) const TO_JOIN_BYTES: u64 = 256 << 10;
 /// What an instance takes besides the samples (bytes): nodes, topics, connections, configuration, record: 1.0 MiB of nine processes were
 /// measured, and their logs begin.
-const BESIDES_BYTES: usize = 3 << 20;
+const BESIDES_BYTES: usize = 2 << 20;
 /// A file is taken up to here (bytes); what is larger are large samples.
 const SMALL_BYTES: u64 = 1 << 20;
 /// Unit of `st_blocks` (bytes), whatever the file system.

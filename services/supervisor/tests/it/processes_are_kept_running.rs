@@ -92,13 +92,13 @@ fn what_cannot_start_ends_the_start_with_its_own_words() {
 #[test]
 fn a_folder_that_others_may_write_to_is_refused() {
     use std::os::unix::fs::PermissionsExt;
-    let mut rig = Rig::new(&[row("one", "[]", "")]);
+    let rig = Rig::new(&[row("one", "[]", "")]);
     let folder = rig.instance.folder();
     std::fs::create_dir(&folder).unwrap();
     std::fs::set_permissions(&folder, PermissionsExt::from_mode(0o777)).unwrap();
-    rig.start();
-    let (status, log) = rig.ended();
-    assert_eq!(status.code(), Some(78));
+    let output = rig.command().output().unwrap();
+    let log = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(78));
     let reason = "can be written by other users; remove it";
     assert!(log.contains(reason), "{log}");
     assert_eq!(

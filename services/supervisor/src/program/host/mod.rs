@@ -98,7 +98,11 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
         let folder = args.instance.log_place();
         tracing::info!("logs are kept in {}", folder.display());
         if let Some(terminal) = terminal.filter(|_| run.end != End::Stopped) {
-            let text = format!("jink-supervisor: {}; logs: {}\n", run.report.reason, folder.display());
+            let text = format!(
+                "jink-supervisor: {}; logs: {}\n",
+                run.report.reason,
+                folder.display()
+            );
             // Who has started it may have gone.
             let _nobody_listens = rustix::io::write(&terminal, text.as_bytes());
         }
