@@ -114,7 +114,7 @@ impl fmt::Display for Mistake {
         match self {
             Self::Missing { sensor, kind, key } => write!(f, "sensor \"{sensor}\": an {kind} needs {key}"),
             Self::Unknown { sensor, kind, key } => {
-                let near = DidYouMean(nearest(key, KEYS.into_iter()));
+                let near = DidYouMean(nearest(key, KEYS.into_iter()).filter(|near| near != key));
                 write!(f, "sensor \"{sensor}\": an {kind} has no {key}{near}")
             }
             Self::Ours { sensor } => write!(

@@ -117,13 +117,6 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "jink.toml",
             "",
             "",
-            &["--link", "serial:/dev/nothing:921600", "--world", "forest"],
-            "/dev/nothing: no such device",
-        ),
-        (
-            "jink.toml",
-            "",
-            "",
             &[],
             "jink.toml: sensor \"lidar\": no driver reads this lidar_3d",
         ),

@@ -385,7 +385,7 @@ fn campaigns_and_approaches_are_commands_of_jink() {
         let help = answer(&mut program("jink", &[command, "--help"]));
         assert_eq!(help.code, Some(0), "{help:?}");
         assert!(
-            help.stdout.contains(&format!("Usage: jink-{command}")),
+            help.stdout.contains(&format!("Usage: jink {command}")),
             "{help:?}"
         );
     }
