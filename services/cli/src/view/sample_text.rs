@@ -1,4 +1,4 @@
-//! A sample for people: what [`sample_json`](super::sample_json) says of it, a field a line, three decimals, long lists cut.
+//! A sample for people: what [`sample_json`] says of it, a field a line, three decimals, long lists cut.
 
 use super::sample_json;
 use jink_shared_types::layout::Layout;
