@@ -2,7 +2,7 @@
 //!
 //! | | reckoned | taken |
 //! |---|---|---|
-//! | small samples, and what iceoryx2 keeps beside them | all that there may be | by each process when its service runs ([`take_small`]) |
+//! | small samples, and what iceoryx2 keeps beside them | all that there may be | by each process when its service runs (`take_small`) |
 //! | large samples | what the programs of the row may have queued and hold | by their publisher when it opens the topic |
 //! | large samples that shadows and spectators hold besides | not | before one is filled for the first time; otherwise it is not sent |
 
