@@ -27,7 +27,7 @@ pub fn named(name: &str) -> Option<fn() -> ExitCode> {
 /// Whether the table of the sensor of this name is right ([`Driver::check`]).
 pub type SensorCheck = fn(&[SensorTable], &str) -> Result<(), Told>;
 
-/// What the driver called `name` says of the table of its sensor; `None` for what is no driver of ours.
+/// The check of a sensor's table by the driver called `name`; `None` if jink has no such driver.
 pub fn sensor_check(name: &str) -> Option<SensorCheck> {
     Some(match name {
         "jink-rangefinder-driver" => jink_rangefinder_driver::RangefinderService::check,

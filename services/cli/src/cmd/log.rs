@@ -23,10 +23,10 @@ Exit codes: 0 shown; 1 there are no such logs.")]
 pub struct Args {
     /// Only of this service, as `jink status` names it; `supervisor` is one, too
     service: Option<String>,
-    /// Go on with what is written from now on
+    /// Follow the logs: print new lines as they are written
     #[arg(short, long)]
     follow: bool,
-    /// Only what is so severe or more: error, warn, info, debug
+    /// Least severity of the lines: error, warn, info, debug
     #[arg(long)]
     level: Option<Level>,
     /// So many runs before the last one
@@ -135,7 +135,7 @@ fn services_in(run: &Path) -> BTreeSet<String> {
 /// The logs of a run, read up to somewhere.
 struct Reader {
     run: PathBuf,
-    /// How far each file was read, and what has been no whole line yet.
+    /// Each file's bytes read so far, and its last line while that has no end yet.
     read: BTreeMap<PathBuf, (u64, String)>,
 }
 
@@ -145,7 +145,7 @@ impl Reader {
         Self { run, read }
     }
 
-    /// Prints what is new; what was moved aside only at first. Returns whether somebody still reads it.
+    /// Prints new lines of all files, at the first call those of rotated files too. Returns whether the output is still open.
     fn show(&mut self, args: &Args, with_aside: bool) -> bool {
         let mut lines = Vec::new();
         for path in files_in(&self.run) {

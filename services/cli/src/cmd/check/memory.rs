@@ -148,7 +148,7 @@ fn of_space(need: &Need, available: u64) -> Finding {
     }
 }
 
-/// Whether other users may open what is the instance's.
+/// Whether files of the instance are open to other users.
 fn of_rights(open: &[PathBuf]) -> Option<Finding> {
     let first = open.first()?;
     Some(Finding {
