@@ -1,4 +1,5 @@
-//! A goal to which no way leads: the vehicle looks for one, says so, and comes to rest with a reason, with whatever it sees.
+//! A goal to which no way leads: the vehicle looks for one and says so all the time, with whatever it sees; where the goal counts as out
+//! of reach it comes to rest, with the reason.
 
 use jink_emulated_ground_station::Ending;
 use jink_shared_types::Point;
@@ -19,7 +20,7 @@ const THICK_M: f64 = 0.4;
 const HEIGHT_MAX_M: f64 = 10.0;
 /// Edge of the room around the goal of a maze (m), whose cells measure 2 m.
 const MAZE_ROOM_M: f64 = 6.0;
-/// Whoever has been told nothing for so long after the start of the mission is not told at all (s).
+/// Longest search for a way that is flown here, from the start of the mission (s).
 const TOLD_WITHIN_S: f64 = 400.0;
 /// Time to come to rest (s).
 const STOPS_WITHIN_S: f64 = 15.0;
