@@ -286,6 +286,10 @@ impl Flight {
         let Some(status) = pilot_ended else {
             return Ok(None);
         };
+        if status.success() {
+            // It has seen the last item reached and landed there before the autopilot was given the end of its mission.
+            return Ok(Some(Outcome::Goal));
+        }
         pilot.update();
         let reason = format!(
             "the ground station ended before the goal ({status}): {}",
