@@ -81,7 +81,8 @@ impl Planner {
         }
         // A path that ends before the goal says nothing about what it costs to reach it.
         let remaining_m = self.remaining_m.filter(|_| leads_on);
-        if self.progress.step(now, goal, remaining_m, detour_mps) {
+        let place = &state.position;
+        if self.progress.step(now, goal, place, remaining_m, detour_mps) {
             let unknown = if is_unflown {
                 Obstruction::Unflown
             } else {

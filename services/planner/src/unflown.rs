@@ -3,9 +3,9 @@
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::Trajectory;
 
-/// A plan that is not flown after this time is not flown (s): generator and guard take some 10 ms, a restart of one of
-/// them some 100.
-const UNFLOWN_S: f64 = 1.0;
+/// Plans none of which is flown for this time are not flown (s): generator and guard take some 10 ms, a restart of one of them some
+/// 100, and in narrow places some are refused one after the other.
+const UNFLOWN_S: f64 = 5.0;
 
 /// The first plan of those that are not flown.
 #[derive(Clone, Copy, Debug, Default)]
