@@ -188,7 +188,7 @@ impl Instance {
         self.folder().join("mavlink_gateway.flight")
     }
 
-    /// Where the gateway keeps the last stamp of each signed sender, for the next gateway of the same run.
+    /// Where the gateway keeps the last stamp of each signed sender, for the next gateway: of the same run, or of a new start.
     pub fn signed_senders(&self) -> PathBuf {
         self.folder().join("mavlink_gateway.senders")
     }
@@ -269,7 +269,8 @@ impl Instance {
         Some(config)
     }
 
-    /// Removes everything this instance left in memory. Only for when nobody of it is alive.
+    /// Removes everything this instance left in memory, but the stamps of signatures: what they forbid to play back stays forbidden. Only
+    /// for when nobody of it is alive.
     ///
     /// # Errors
     /// The first file that could not be removed.
@@ -287,7 +288,6 @@ impl Instance {
             self.params_at_start(),
             self.proven_profile(),
             self.flight_record(),
-            self.signed_senders(),
         ] {
             unless_gone(&file, std::fs::remove_file(&file))?;
         }
@@ -378,6 +378,19 @@ mod tests {
         let refused = instance.make_folder().unwrap_err().to_string();
         assert!(refused.contains("belongs to the user with id 65534"), "{refused}");
         std::fs::remove_dir(&folder).unwrap();
+    }
+
+    #[test]
+    fn what_signatures_forbid_outlives_a_new_start() {
+        let instance: Instance = format!("stamps_{}", std::process::id()).parse().unwrap();
+        instance.make_folder().unwrap();
+        let (kept, wiped) = (instance.signed_senders(), instance.proven_profile());
+        for file in [&kept, &wiped] {
+            std::fs::write(file, "of the run before").unwrap();
+        }
+        instance.wipe().unwrap();
+        assert!(kept.exists() && !wiped.exists());
+        std::fs::remove_dir_all(instance.folder()).unwrap();
     }
 
     #[test]

@@ -69,17 +69,16 @@ pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
         Links::open(setups, &doors, |first| open(first, setup.generation))
     };
     let mut links = opened.map_err(needs("link.address".to_owned()))?;
-    let state = match settings.state.as_str() {
-        "" => setup.instance.folder(),
-        folder => PathBuf::from(folder),
-    };
-    let stamps = state.join(format!("{}.stamps", setup.process));
+    let state = (!settings.state.is_empty()).then(|| PathBuf::from(&settings.state));
+    let kept = state.clone().unwrap_or_else(|| setup.instance.folder());
+    let stamps = kept.join(format!("{}.stamps", setup.process));
     links
         .sign_with_stamps_at(&stamps)
         .map_err(needs(format!("link.state: {}", stamps.display())))?;
     let senders = setup.instance.signed_senders();
+    let copy = state.map(|state| state.join(format!("{}.senders", setup.process)));
     links
-        .remember_senders_at(&senders)
+        .remember_senders_at(&senders, copy.as_deref())
         .map_err(needs(senders.display().to_string()))?;
     if !settings.tlog.is_empty() {
         let max_bytes = u64::from(settings.tlog_max_mb) * 1_000_000;

@@ -206,15 +206,15 @@ impl Links {
         Ok(())
     }
 
-    /// Goes on with the stamps of others that a process of this run has received, and keeps those that come, in a file on tmpfs: what
-    /// was recorded cannot be played back to the next process.
+    /// Goes on with the stamps of others that an earlier process has received, and keeps those that come, in a file on tmpfs and, at the
+    /// end, in its `copy` on a disk: what was recorded cannot be played back to the next process.
     ///
     /// # Errors
     /// The system's error about the file.
-    pub fn remember_senders_at(&mut self, path: &Path) -> std::io::Result<()> {
+    pub fn remember_senders_at(&mut self, path: &Path, copy: Option<&Path>) -> std::io::Result<()> {
         let is_asked = |member: &Member| member.rules.setup.signing != Signing::Off;
         if self.members.iter().any(is_asked) {
-            self.shared.verifier = Verifier::remembering(path)?;
+            self.shared.verifier = Verifier::remembering(path, copy)?;
         }
         Ok(())
     }

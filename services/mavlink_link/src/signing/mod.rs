@@ -129,13 +129,13 @@ impl Default for Verifier {
 }
 
 impl Verifier {
-    /// With the stamps that another process has kept in the file at `path`.
+    /// With the stamps that another process has kept in the file at `path`, and in its `copy` on a disk.
     ///
     /// # Errors
     /// The system's error about the file.
-    pub fn remembering(path: &Path) -> io::Result<Self> {
+    pub fn remembering(path: &Path, copy: Option<&Path>) -> io::Result<Self> {
         let mut streams = Vec::with_capacity(STREAMS);
-        let file = SenderFile::open(path, &mut streams)?;
+        let file = SenderFile::open(path, copy, &mut streams)?;
         Ok(Self {
             streams,
             file: Some(file),
@@ -371,8 +371,8 @@ mod tests {
             .collect();
         // Each process receives a part, beside one that only listens, and is killed.
         for part in sent.chunks(60) {
-            let mut listens = Verifier::remembering(&path).unwrap();
-            let mut owns = Verifier::remembering(&path).unwrap();
+            let mut listens = Verifier::remembering(&path, None).unwrap();
+            let mut owns = Verifier::remembering(&path, None).unwrap();
             for bytes in part {
                 for (verifier, is_owner) in [(&mut listens, false), (&mut owns, true)] {
                     let verified = verify(verifier, bytes, Signing::Require, &key);
@@ -382,17 +382,43 @@ mod tests {
                 }
             }
         }
-        let mut next = Verifier::remembering(&path).unwrap();
+        let mut next = Verifier::remembering(&path, None).unwrap();
         for bytes in &sent {
             let verified = verify(&mut next, bytes, Signing::Require, &key);
             assert_eq!(verified, Some(Err(SignatureRefusal::Replayed)));
         }
         std::fs::write(&path, [7; 33]).unwrap();
         assert!(
-            Verifier::remembering(&path).is_ok(),
+            Verifier::remembering(&path, None).is_ok(),
             "a damaged file is used in part"
         );
         std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn what_was_recorded_cannot_be_played_back_to_the_next_start() {
+        let folder = std::env::temp_dir().join(format!("jink_senders_kept_{}", std::process::id()));
+        let (instance, kept) = (folder.join("instance"), folder.join("state"));
+        let start = || {
+            std::fs::create_dir_all(&instance).unwrap();
+            Verifier::remembering(&instance.join("senders"), Some(&kept)).unwrap()
+        };
+        std::fs::create_dir(&folder).unwrap();
+        let key = key(7);
+        for n in 0..3 {
+            let bytes = signed(&attitude(n), &key, 0, NOW + u64::from(n));
+            let (mut listens, mut owns) = (start(), start());
+            assert_eq!(verify(&mut owns, &bytes, Signing::Require, &key), Some(Ok(())));
+            owns.store(true);
+            drop(owns);
+            // Who has not received anything takes nothing back.
+            listens.store(false);
+            drop(listens);
+            std::fs::remove_dir_all(&instance).unwrap();
+            let again = verify(&mut start(), &bytes, Signing::Require, &key);
+            assert_eq!(again, Some(Err(SignatureRefusal::Replayed)));
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     proptest! {

@@ -1,13 +1,13 @@
-//! The stamps received from others, in a file that the next process of the same run begins with.
+//! The stamps received from others, in a file that the next process begins with.
 //!
 //! A stamp is written when it is received, so that there is no moment after which a killed process leaves an older one. The file lies
-//! on tmpfs: a write costs about a microsecond, and what it holds ends with the instance.
+//! on tmpfs, where a write costs about a microsecond: a disk would stop the link now and then. To a disk it is copied when the process ends.
 
 use super::{STREAMS, SignedStream};
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Bytes of a sender: stamp, system, component, link, a mark that the place is in use, one to spare.
 const ROW_BYTES: usize = 16;
@@ -18,14 +18,21 @@ const USED: u8 = 1;
 #[derive(Debug)]
 pub(super) struct SenderFile {
     file: File,
+    path: PathBuf,
+    /// The copy, which outlives the instance's folder.
+    copy: Option<PathBuf>,
     /// It holds the same senders in the same places as the memory of this process.
     is_ours: bool,
     has_failed: bool,
 }
 
 impl SenderFile {
-    /// Opens the file and appends the senders in it to `streams`, each with its newest stamp.
-    pub(super) fn open(path: &Path, streams: &mut Vec<SignedStream>) -> io::Result<Self> {
+    /// Opens the file and appends the senders in it and in its `copy` to `streams`, each with its newest stamp.
+    pub(super) fn open(
+        path: &Path,
+        copy: Option<&Path>,
+        streams: &mut Vec<SignedStream>,
+    ) -> io::Result<Self> {
         let file = File::options()
             .read(true)
             .write(true)
@@ -34,14 +41,21 @@ impl SenderFile {
             .open(path)?;
         let mut bytes = Vec::with_capacity(STREAMS * ROW_BYTES);
         io::Read::read_to_end(&mut &file, &mut bytes)?;
-        for row in bytes.chunks_exact(ROW_BYTES).take(STREAMS).filter_map(of_bytes) {
-            match streams.iter_mut().find(|known| known.is_of_the_sender_of(&row)) {
-                Some(known) => known.stamp = known.stamp.max(row.stamp),
-                None => streams.push(row),
+        let copied = copy.and_then(|copy| std::fs::read(copy).ok()).unwrap_or_default();
+        let rows = bytes
+            .chunks_exact(ROW_BYTES)
+            .chain(copied.chunks_exact(ROW_BYTES));
+        for row in rows.filter_map(of_bytes) {
+            if let Some(known) = streams.iter_mut().find(|known| known.is_of_the_sender_of(&row)) {
+                known.stamp = known.stamp.max(row.stamp);
+            } else if streams.len() < STREAMS {
+                streams.push(row);
             }
         }
         Ok(Self {
             file,
+            path: path.to_owned(),
+            copy: copy.map(Path::to_owned),
             is_ours: false,
             has_failed: false,
         })
@@ -71,6 +85,17 @@ impl SenderFile {
             && !std::mem::replace(&mut self.has_failed, true)
         {
             tracing::warn!("the stamps of others are not kept for a restart: {error}");
+        }
+    }
+}
+
+impl Drop for SenderFile {
+    fn drop(&mut self) {
+        if self.is_ours
+            && let Some(copy) = &self.copy
+            && let Err(error) = std::fs::copy(&self.path, copy)
+        {
+            tracing::warn!("{}: the stamps of others are not kept: {error}", copy.display());
         }
     }
 }
