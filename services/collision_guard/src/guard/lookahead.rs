@@ -49,10 +49,12 @@ pub struct LookaheadDemand {
 /// The result of following a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LookaheadResult {
-    /// Distance along the path to the first conflict (m); infinity for none.
+    /// Distance along the path to the first conflict (m), and to what moves as it is now; infinity for none.
     pub free_distance_m: f64,
     /// What the conflict is; [`GuardReason::None`] for none.
     pub conflict: GuardReason,
+    /// The conflict is with something that moves.
+    pub is_moving: bool,
     /// Stopping distance from the present speed (m).
     pub stopping_m: f64,
     /// Distance that has to be free (m): to stop before the conflict from any time within the horizon.
@@ -98,14 +100,16 @@ impl Lookahead {
             return LookaheadResult {
                 free_distance_m: f64::INFINITY,
                 conflict: GuardReason::None,
+                is_moving: false,
                 stopping_m: 0.0,
                 needed_m: 0.0,
             };
         };
-        if moving.is_met(now, trajectory, &start, demand) {
+        if let Some(met_m) = moving.met_m(now, trajectory, &start, demand) {
             return LookaheadResult {
-                free_distance_m: 0.0,
+                free_distance_m: met_m,
                 conflict: GuardReason::Obstacle,
+                is_moving: true,
                 stopping_m: 0.0,
                 needed_m: f64::INFINITY,
             };
@@ -147,6 +151,7 @@ impl Lookahead {
         LookaheadResult {
             free_distance_m: f64::INFINITY,
             conflict: GuardReason::None,
+            is_moving: false,
             stopping_m,
             needed_m: stopping_m,
         }
@@ -257,6 +262,7 @@ impl PathWalk {
         LookaheadResult {
             free_distance_m: self.way_m,
             conflict,
+            is_moving: false,
             stopping_m,
             needed_m,
         }

@@ -363,10 +363,10 @@ impl Guard {
         self.is_braking = true;
         self.verdict = Verdict::Braked;
         self.reason = seen.conflict;
-        let what = if seen.conflict == GuardReason::Obstacle {
-            "obstacle"
-        } else {
-            "unseen"
+        let what = match seen.conflict {
+            GuardReason::Obstacle if seen.is_moving => "something moving",
+            GuardReason::Obstacle => "obstacle",
+            _ => "unseen",
         };
         step_events.add(EventSample::new(
             &events::GUARD_BRAKED,

@@ -19,8 +19,8 @@ fn walker(place: [f64; 2], velocity: [f64; 2]) -> MovingObstacles {
     moving
 }
 
-/// The answer to a vehicle that flies north at 3 m/s, two seconds after its start, to `moving`, relative to it.
-fn answer_at_speed(place: [f64; 2], velocity: [f64; 2]) -> TrajectoryMode {
+/// The answer to a vehicle that flies north at 3 m/s, two seconds after its start, to `moving`, relative to it, and the pilot's texts.
+fn answer_at_speed(place: [f64; 2], velocity: [f64; 2]) -> (TrajectoryMode, Vec<String>) {
     let (mut guard, mut ring) = hovering_guard(NOW_S);
     let flown = straight(7, NOW_S, 3.0, 2.0, 30.0);
     let (out, _) = step(&mut guard, NOW_S, Some(&flown), &ring, VehiclePose::at(0.0, 0.0));
@@ -29,17 +29,26 @@ fn answer_at_speed(place: [f64; 2], velocity: [f64; 2]) -> TrajectoryMode {
     let here = on(&flown, t);
     let moving = walker([here.position[0] + place[0], place[1]], velocity);
     look(&mut ring, &World::default(), here, t);
-    let (out, _) = step_among(&mut guard, t, None, &ring, here, &moving);
-    out.trajectory.mode.get()
+    let (out, step_events) = step_among(&mut guard, t, None, &ring, here, &moving);
+    let texts = step_events.events().iter().map(|event| event.text()).collect();
+    (out.trajectory.mode.get(), texts)
 }
 
 #[test]
 fn a_trajectory_is_braked_for_what_will_be_on_it_and_not_for_what_will_be_gone() {
+    let mode = |place, velocity| answer_at_speed(place, velocity).0;
     // Half a second farther than the vehicle could stop, with somebody who comes to meet it.
-    assert_eq!(answer_at_speed([6.0, 0.0], [-2.0, 0.0]), TrajectoryMode::Brake);
-    assert_eq!(answer_at_speed([5.0, -2.4], [0.0, 1.5]), TrajectoryMode::Brake);
-    assert_eq!(answer_at_speed([5.0, 0.5], [0.0, 1.5]), TrajectoryMode::Plan);
-    assert_eq!(answer_at_speed([8.0, 0.0], [2.0, 0.0]), TrajectoryMode::Plan);
+    assert_eq!(mode([6.0, 0.0], [-2.0, 0.0]), TrajectoryMode::Brake);
+    assert_eq!(mode([5.0, -2.4], [0.0, 1.5]), TrajectoryMode::Brake);
+    assert_eq!(mode([5.0, 0.5], [0.0, 1.5]), TrajectoryMode::Plan);
+    assert_eq!(mode([8.0, 0.0], [2.0, 0.0]), TrajectoryMode::Plan);
+}
+
+#[test]
+fn the_pilot_reads_that_it_moves_and_how_far_away_it_is() {
+    // Its surface is 0.3 m nearer than its middle.
+    let (_, texts) = answer_at_speed([6.0, 0.0], [-2.0, 0.0]);
+    assert_eq!(texts, ["jink: guard brakes, something moving 5.7 m ahead"]);
 }
 
 #[test]
