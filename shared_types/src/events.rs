@@ -1,6 +1,6 @@
 //! The event table: what is reported to pilots and logs, once per change of state.
 
-use crate::coded::Coded;
+use crate::coded::{Coded, Wire};
 use crate::health::Name;
 use crate::reserved::Reserved;
 
@@ -42,10 +42,38 @@ pub enum Told {
     End,
 }
 
+crate::wire_enum! {
+    /// Why a candidate is refused, in words that fit into the text: its name is the process's, and its number this code.
+    pub enum SwapReason {
+        /// A reason of a later build.
+        Unknown = 0 "see jink swap",
+        /// The candidate has ended without an error: it may be no program of jink's.
+        WrongProgram = 1 "wrong program",
+        /// It cannot start: another program of jink's says that it is one.
+        CannotStart = 2 "cannot start",
+        /// It was killed, or has crashed.
+        Died = 3 "died",
+        /// It has not begun in time, or fell silent.
+        Silent = 4 "silent",
+        /// Too many cycles over budget.
+        TooSlow = 5 "too slow",
+        /// Nobody can use its outputs.
+        Implausible = 6 "bad outputs",
+        /// Too few or too many outputs.
+        Outputs = 7 "other outputs",
+        /// It had too little to do.
+        Idle = 8 "little to do",
+        /// The owner has died meanwhile.
+        OwnerDied = 9 "owner died",
+        /// The system stops.
+        Stopping = 10 "jink ends",
+    }
+}
+
 /// One row of the event table.
 ///
 /// In the text, `{name}` and `{n}` say what it is about: of another sensor or another mission item it is another text. `{why}`, `{0}`
-/// and `{1}` say more of the same.
+/// and `{1}` say more of the same; `{reason}` is the number as a [`SwapReason`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
     /// Identity, never reused.
@@ -143,7 +171,7 @@ events! {
     /// Another binary has taken over in flight.
     PROCESS_SWAPPED = 21, Notice, Answer, "jink: {name} swapped", "None.";
     /// A swap was refused; the old one never stopped.
-    SWAP_REFUSED = 22, Warning, Answer, "jink: {name} swap refused", "Look at the new binary.";
+    SWAP_REFUSED = 22, Warning, Answer, "jink: {name} swap refused, {reason}", "Look at the new binary.";
     /// A swap was undone.
     SWAP_ROLLED_BACK = 23, Error, Answer, "jink: {name} swap rolled back", "Look at the new binary.";
     /// The supervisor was replaced while the others went on.
@@ -375,8 +403,11 @@ impl EventSample {
 
     /// Its numbers, where the text leaves them out: they are for logs.
     pub fn unsaid_numbers(&self) -> Option<[f64; 2]> {
-        let says = find(self.id)
-            .is_some_and(|row| ["{n}", "{0}", "{1}"].iter().any(|blank| row.text.contains(blank)));
+        let says = find(self.id).is_some_and(|row| {
+            ["{n}", "{0}", "{1}", "{reason}"]
+                .iter()
+                .any(|blank| row.text.contains(blank))
+        });
         (!says && self.numbers != [0.0; 2]).then_some(self.numbers)
     }
 
@@ -392,8 +423,10 @@ impl EventSample {
                 format!("{value:.1}")
             }
         };
+        let reason = SwapReason::from_code(self.numbers[0] as u8).unwrap_or(SwapReason::UNKNOWN);
         event
             .text
+            .replace("{reason}", reason.name())
             .replace("{name}", self.name.as_str())
             .replace("{why}", self.name.as_str())
             .replace("{n}", &format!("{:.0}", self.numbers[0]))
@@ -404,7 +437,8 @@ impl EventSample {
 
 #[cfg(test)]
 mod tests {
-    use super::{EventSample, GUARD_BRAKED, TABLE, Told, find};
+    use super::{EventSample, GUARD_BRAKED, SWAP_REFUSED, SwapReason, TABLE, Told, find};
+    use crate::coded::Wire;
 
     #[test]
     fn ids_are_unique_and_ascending() {
@@ -415,6 +449,15 @@ mod tests {
     fn every_text_fits_a_status_line() {
         for event in TABLE {
             let sample = EventSample::new(event, "obstacle_fusion", [1234.5, 9.9]);
+            assert!(sample.text().len() <= 50, "{} is too long", sample.text());
+        }
+    }
+
+    #[test]
+    fn every_reason_fits_behind_the_longest_name() {
+        for reason in SwapReason::SHAPE.variants {
+            let sample = EventSample::new(&SWAP_REFUSED, "bezier_generator", [f64::from(reason.code), 0.0]);
+            assert!(sample.text().ends_with(reason.text), "{}", sample.text());
             assert!(sample.text().len() <= 50, "{} is too long", sample.text());
         }
     }

@@ -13,6 +13,7 @@ fn shown(event: &Event) -> String {
     let blanks = [
         ("{name}", "NAME"),
         ("{why}", "WHY"),
+        ("{reason}", "WHY"),
         ("{n}", "N"),
         ("{0}", "X"),
         ("{1}", "Y"),

@@ -18,7 +18,9 @@
 
 use crate::process::Exit;
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
+use jink_runtime::service::EXIT_CANNOT_START;
 use jink_shared_types::Timestamp;
+use jink_shared_types::events::SwapReason;
 use jink_shared_types::health::{Heartbeat, Name, ServiceState, SwapPhase};
 use std::fmt;
 
@@ -327,6 +329,26 @@ impl fmt::Display for SwapRefusal {
             ),
             Self::OwnerDied => f.write_str("the owner died meanwhile and is restarted"),
             Self::Stopping => f.write_str("the system stops"),
+        }
+    }
+}
+
+impl SwapRefusal {
+    /// The same for the pilot.
+    pub(crate) fn reason(&self) -> SwapReason {
+        match self {
+            Self::Ended(Exit::Code(0)) => SwapReason::WrongProgram,
+            Self::Ended(Exit::Code(EXIT_CANNOT_START) | Exit::NotSpawned) => SwapReason::CannotStart,
+            Self::Ended(_) => SwapReason::Died,
+            Self::NeverUp | Self::Silent => SwapReason::Silent,
+            Self::OverBudget(_) => SwapReason::TooSlow,
+            Self::Implausible(_) => SwapReason::Implausible,
+            Self::Outputs(_) => SwapReason::Outputs,
+            Self::TooFewCycles(_) => SwapReason::Idle,
+            Self::OwnerDied => SwapReason::OwnerDied,
+            Self::Stopping => SwapReason::Stopping,
+            // There is no candidate, or it has owned.
+            Self::Busy | Self::NotRunning | Self::NoShadow | Self::Lacking(_) => SwapReason::Unknown,
         }
     }
 }

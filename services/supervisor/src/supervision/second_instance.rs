@@ -9,8 +9,9 @@ use crate::shadow::{
     WATCH_S, quiet_moment,
 };
 use jink_shared_types::Timestamp;
+use jink_shared_types::coded::Wire;
 use jink_shared_types::control::{Control, ControlEntry};
-use jink_shared_types::events;
+use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Name, ReplaceReason, ServiceState, SwapPhase};
 
 /// A hot shadow is started when its owner has run this long (s): where owners die at once, a shadow would die, too.
@@ -424,8 +425,7 @@ fn refuse(
     match second.shadow.as_ref().map(|shadow| shadow.role) {
         Some(ShadowRole::Candidate(swap)) => turn_down(process, &swap, index, refusal, actions),
         _ => {
-            report_swap(actions, index, SwapProgress::Refused(refusal));
-            raise(actions, &events::SWAP_REFUSED, process, 0.0);
+            report_refusal(actions, index, process, refusal);
         }
     }
     end(second, index, actions);
@@ -445,13 +445,19 @@ fn turn_down(
         report_swap(actions, index, SwapProgress::RolledBack(refusal));
         raise(actions, &events::SWAP_ROLLED_BACK, process, 0.0);
     } else {
-        report_swap(actions, index, SwapProgress::Refused(refusal));
-        raise(actions, &events::SWAP_REFUSED, process, 0.0);
+        report_refusal(actions, index, process, refusal);
     }
 }
 
 fn report_swap(actions: &mut Vec<Action>, process: usize, progress: SwapProgress) {
     actions.push(Action::ReportSwap { process, progress });
+}
+
+fn report_refusal(actions: &mut Vec<Action>, index: usize, process: &Process, refusal: SwapRefusal) {
+    report_swap(actions, index, SwapProgress::Refused(refusal));
+    let reason = f64::from(refusal.reason().code());
+    let event = EventSample::new(&events::SWAP_REFUSED, &process.rules.name, [reason, 0.0]);
+    actions.push(Action::PublishEvent(event));
 }
 
 /// Owner and second instance exchange their places.

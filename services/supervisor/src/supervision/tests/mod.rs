@@ -52,6 +52,7 @@ struct SimulatedHost {
     /// SIGTERM and SIGKILL in order.
     signals: Vec<Action>,
     events: Vec<u16>,
+    texts: Vec<String>,
     clean_ups: usize,
     /// Second instances.
     shadows: Vec<Child>,
@@ -76,6 +77,7 @@ impl SimulatedHost {
             spawns: Vec::new(),
             signals: Vec::new(),
             events: Vec::new(),
+            texts: Vec::new(),
             clean_ups: 0,
             shadows: vec![Child::None; rules_len],
             commits: 0,
@@ -207,7 +209,10 @@ impl SimulatedHost {
                 Action::TakeBack { .. } => self.taken_back += 1,
                 Action::ReportSwap { progress, .. } => self.progress.push(progress),
                 Action::CleanUp => self.clean_ups += 1,
-                Action::PublishEvent(event) => self.events.push(event.id),
+                Action::PublishEvent(event) => {
+                    self.events.push(event.id);
+                    self.texts.push(event.text());
+                }
                 Action::End(end) => {
                     assert!(
                         self.children.iter().all(|child| *child == Child::None),

@@ -4,6 +4,7 @@ use super::{Child, SimulatedHost, rules};
 use crate::shadow::{SwapProgress, SwapRefusal};
 use crate::supervision::{Action, End, Exit, Observation};
 use crate::table::ProcessRules;
+use jink_runtime::service::EXIT_CANNOT_START;
 use jink_shared_types::coded::Coded;
 use jink_shared_types::control::{Control, ControlEntry};
 use jink_shared_types::events;
@@ -262,7 +263,13 @@ fn a_slow_candidate_and_one_that_dies_are_refused_and_the_owner_never_notices() 
     let exit = Exit::Signal(11);
     dying.observe(&[Observation::ShadowDied { process: 0, exit }]);
     assert_eq!(dying.progress, [SwapProgress::Refused(SwapRefusal::Ended(exit))]);
-    for host in [&slow, &dying] {
+    let mut other = in_probation(20);
+    other.shadows[0] = Child::None;
+    let exit = Exit::Code(EXIT_CANNOT_START);
+    other.observe(&[Observation::ShadowDied { process: 0, exit }]);
+    for (host, why) in [(&slow, "too slow"), (&dying, "died"), (&other, "cannot start")] {
+        let text = host.texts.last().unwrap();
+        assert!(text.ends_with(&format!(" swap refused, {why}")), "{text}");
         assert_eq!(host.children[0], Child::Alive(1, Some(ServiceState::Active)));
         assert_eq!((control(host).active, control(host).next), (1, 0));
         assert!(host.signals.is_empty());
