@@ -4,9 +4,10 @@
 //! A thread writes; the link hands it copies and never waits. What the disk is too slow for is left out, and counted. The files of a
 //! folder are limited together: one that has a quarter of that is followed by another, and the oldest ones are removed.
 
+use jink_runtime::logging::make_folder;
 use jink_runtime::realtime::{Scheduling, schedule};
 use std::fs::File;
-use std::io::{BufWriter, ErrorKind, Write};
+use std::io::{BufWriter, Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,20 +43,21 @@ pub struct Tlog {
 }
 
 impl Tlog {
-    /// Begins a new file in `folder`, which is made if it is not there. Its name holds the time and the generation of
+    /// Begins a new file in `folder`, which is made if the one that it is in is there. Its name holds the time and the generation of
     /// the gateway, and a number if there is such a file already: a board without a clock of its own begins at the same time
     /// again and again. All files of the folder take no more than `max_bytes` (0: as much as there is).
     ///
     /// # Errors
     /// The system's error about the folder, the file or the thread.
     pub fn begin(folder: &Path, generation: u32, max_bytes: u64) -> std::io::Result<Self> {
-        std::fs::create_dir_all(folder)?;
+        let of_folder = |error: Error| Error::new(error.kind(), format!("{}: {error}", folder.display()));
+        make_folder(folder).map_err(of_folder)?;
         let files = Files {
             folder: folder.to_owned(),
             generation,
             max_bytes,
         };
-        let (file, path) = files.next()?;
+        let (file, path) = files.next().map_err(of_folder)?;
         Self::writing(file, path, files)
     }
 
@@ -285,6 +287,14 @@ mod tests {
         assert!(left.iter().sum::<u64>() <= 10_000 && left.len() >= 3, "{left:?}");
         assert!(!folder.join("jink-1-1.tlog").exists() && folder.join("notes.tlog").exists());
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_folder_that_is_misspelt_is_refused_and_not_made() {
+        let place = std::env::temp_dir().join(format!("jink_tlgo_{}", std::process::id()));
+        let refused = Tlog::begin(&place.join("tlog"), 1, 0).unwrap_err().to_string();
+        assert!(refused.starts_with(&place.display().to_string()), "{refused}");
+        assert!(!place.exists());
     }
 
     #[test]

@@ -7,6 +7,7 @@
 
 use jink_runtime::Instance;
 use jink_runtime::config::Config;
+use jink_runtime::logging::make_folder;
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::{MetadataExt, symlink};
 use std::path::{Path, PathBuf};
@@ -39,7 +40,9 @@ impl RunLogs {
             misplaced: None,
         };
         if let Some(log_dir) = config.log_dir.clone().or_else(of_the_service_manager) {
-            match begin_on_disk(instance, &log_dir.join(instance.to_string()), max_bytes) {
+            match make_folder(&log_dir)
+                .and_then(|()| begin_on_disk(instance, &log_dir.join(instance.to_string()), max_bytes))
+            {
                 Ok(()) => {
                     logs.file_max_bytes = max_bytes / FILES;
                     return Ok(logs);
@@ -81,7 +84,7 @@ fn of_the_service_manager() -> Option<PathBuf> {
 }
 
 fn begin_on_disk(instance: &Instance, folder: &Path, max_bytes: u64) -> io::Result<()> {
-    std::fs::create_dir_all(folder)?;
+    make_folder(folder)?;
     let mut runs = runs(folder)?;
     let mut number = runs.last().map_or(1, |(number, _)| number + 1);
     // Half of it is for the run that begins.
@@ -138,8 +141,9 @@ fn size_bytes(run: &Path) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{begin_on_disk, runs};
+    use super::{RunLogs, begin_on_disk, runs};
     use jink_runtime::Instance;
+    use jink_runtime::config::Config;
     use std::path::PathBuf;
 
     struct Place {
@@ -197,6 +201,23 @@ mod tests {
         }
         assert_eq!(place.run(1, 1_000_000).last(), Some(&11));
         assert_eq!(place.run(1, 0), [12], "not even with no room at all");
+    }
+
+    #[test]
+    fn a_folder_that_is_misspelt_is_not_made_and_the_logs_are_in_memory() {
+        let place = Place::new("misspelt");
+        let config = Config {
+            log_dir: Some(place.folder.join("lgo")),
+            ..Config::default()
+        };
+        let logs = RunLogs::begin(&place.instance, &config).unwrap();
+        assert!(logs.misplaced.is_some_and(|why| why.contains("is it misspelt?")));
+        assert!(!place.folder.exists() && place.instance.log_folder().is_dir());
+        std::fs::create_dir(&place.folder).unwrap();
+        place.instance.wipe().unwrap();
+        let logs = RunLogs::begin(&place.instance, &config).unwrap();
+        assert_eq!(logs.misplaced, None);
+        assert!(place.folder.join("lgo").is_dir() && place.instance.log_folder().is_symlink());
     }
 
     #[test]
