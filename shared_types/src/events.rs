@@ -356,6 +356,8 @@ events! {
     HELD = 126, Info, Answer, "jink: mode {name}, jink waits", "Choose the mission, or send a go-to, to have jink fly on.";
     /// The autopilot is in a mode again in which jink flies.
     RESUMED = 127, Info, Answer, "jink: flying on", "None.";
+    /// The autopilot lands, and below the vehicle is no level ground: a box, a bush, a post, the edge of a roof. Only what is seen counts.
+    PLACE_NOT_FREE = 128, Warning, Answer, "jink: place to land is not free", "Hold, and land elsewhere.";
 }
 
 /// The event with identity `id`.

@@ -37,6 +37,7 @@ mod evasion;
 mod following;
 mod goal;
 mod guide;
+mod landing;
 mod map_inputs;
 mod moving;
 mod path_choice;
@@ -161,6 +162,7 @@ pub struct Planner {
     failing_since: Option<Timestamp>,
     no_path_reported: bool,
     blocked_reported: bool,
+    landing_reported: bool,
     /// An obstacle stood in the straight way then.
     detour_seen: Timestamp,
     /// The vehicle has been away from its goal since it was at one.
@@ -229,6 +231,7 @@ impl Planner {
             failing_since: None,
             no_path_reported: false,
             blocked_reported: false,
+            landing_reported: false,
             detour_seen: Timestamp::NEVER,
             is_away: false,
             loss_reported_at: Timestamp::NEVER,
@@ -332,6 +335,10 @@ impl Planner {
         self.take_tracking(&state);
         self.learn(&state, inputs.approved);
         self.watch_sensors(now, &state, inputs.map.fresh().map(|map| map.sample));
+        self.watch_landing(
+            &state,
+            inputs.map.fresh().filter(|_| new_map).map(|map| map.sample),
+        );
         let Some(desired) = self.desired_path(&state, inputs) else {
             route.mode = Coded::new(RouteMode::Mirror);
             self.planned_goal = None;

@@ -7,8 +7,9 @@ use jink_shared_types::frames::Point;
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::Route;
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::vehicle::{DesiredPath, VehicleState};
-use jink_shared_types::{Flag, Reading, SampleHeader, Stamped};
+use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
+use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped};
+use nalgebra::Vector3;
 
 /// What is reported in a step `s` seconds later, of the events about what jink does.
 fn reported(
@@ -34,7 +35,11 @@ fn reported(
     };
     planner.step(now().plus_seconds(s), &inputs, &mut Route::default());
     let ids = planner.events().iter().map(|event| event.id);
-    let about = [events::GOING_ROUND.id, events::GOAL_REACHED.id];
+    let about = [
+        events::GOING_ROUND.id,
+        events::GOAL_REACHED.id,
+        events::PLACE_NOT_FREE.id,
+    ];
     ids.filter(|id| about.contains(id)).collect()
 }
 
@@ -84,4 +89,40 @@ fn the_arrival_is_reported_once_and_not_where_the_mission_goes_on_or_nobody_went
     assert_eq!(flown(4.0, &there, &last(5.0)), [0; 0]);
     assert_eq!(flown(5.0, &hovering(), &to(5.0, 0.0)), [0; 0]);
     assert_eq!(flown(6.0, &there, &to(5.0, 0.0)), [0; 0], "the mission goes on");
+}
+
+#[test]
+fn a_place_to_land_that_is_not_level_is_reported_once_a_landing() {
+    let landing = VehicleState {
+        mode: Coded::new(NavMode::Land),
+        ..hovering()
+    };
+    let landed = VehicleState {
+        landed: Flag::YES,
+        ..landing
+    };
+    let not_free = events::PLACE_NOT_FREE.id;
+    let box_under_one_side = |p: Vector3<f64>| p.z > -1.0 && p.x > 0.5 && p.y.abs() < 1.0;
+    let post = |p: Vector3<f64>| p.z > -1.0 && (0.4..0.6).contains(&p.x) && (0.0..0.2).contains(&p.y);
+    let slope = |p: Vector3<f64>| p.z > -0.15 * (p.x + 1.0);
+    let aside = |p: Vector3<f64>| p.z > -1.0 && p.x > 2.0;
+    for (what, map, expected) in [
+        ("box", map(12.0, box_under_one_side), vec![not_free]),
+        ("post", map(12.0, post), vec![not_free]),
+        ("level", map(12.0, |_| false), vec![]),
+        ("slope", map(12.0, slope), vec![]),
+        ("aside", map(12.0, aside), vec![]),
+        ("unseen", map(1.0, box_under_one_side), vec![]),
+    ] {
+        let mut planner = Planner::new(&ParamSet::default(), 1);
+        let mut flown = |s, state: &VehicleState| reported(&mut planner, s, &map, state, &to(0.0, 0.0));
+        assert_eq!(flown(0.0, &hovering()), [0; 0], "{what}: it does not land");
+        let said: Vec<u16> = [0.2, 0.4, 0.6]
+            .into_iter()
+            .flat_map(|s| flown(s, &landing))
+            .collect();
+        assert_eq!(said, expected, "{what}");
+        assert_eq!(flown(0.8, &landed), [0; 0], "{what}: it has landed");
+        assert_eq!(flown(1.0, &landing), expected, "{what}: another landing");
+    }
 }
