@@ -175,8 +175,10 @@ pub fn megabytes(bytes: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{Need, TopicNeed};
+    use super::{Need, SHARED_MEMORY, TopicNeed, used_bytes};
     use crate::config::{Config, PROCESS_FILE, process_names};
+    use crate::instance::Instance;
+    use std::os::unix::fs::FileExt;
     use std::path::Path;
 
     /// A fifth of what a board with 1 GB lends to shared memory, which is half of it (bytes).
@@ -191,6 +193,22 @@ mod tests {
         assert!(need.most_bytes() < MOST_BYTES, "{need:?}");
         assert!(need.reserved_bytes() < MOST_BYTES / 2, "{need:?}");
         assert_eq!(need.topics[0].topic, "range/cloud/lidar", "{need:?}");
+    }
+
+    #[test]
+    fn what_a_file_may_become_is_not_used() {
+        const FILE_BYTES: u64 = 64 << 20;
+        let instance: Instance = format!("sparse_{}", std::process::id()).parse().unwrap();
+        assert_eq!(used_bytes(&instance), 0);
+        let path = Path::new(SHARED_MEMORY).join(instance.shm_prefix() + "topic");
+        let file = std::fs::File::create_new(&path).unwrap();
+        file.set_len(FILE_BYTES).unwrap();
+        let empty = used_bytes(&instance);
+        file.write_all_at(&[1; 4096], FILE_BYTES / 2).unwrap();
+        let written = used_bytes(&instance);
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(empty, 0);
+        assert!((4096..FILE_BYTES / 2).contains(&written), "{written}");
     }
 
     #[test]

@@ -10,5 +10,6 @@ mod builds_that_disagree_refuse_to_meet;
 mod dead_processes_leave_nothing;
 mod each_input_has_one_owner;
 mod memory_is_there_before_the_flight;
+mod other_users_open_nothing;
 mod spectators_leave_the_services_their_places;
 mod what_makes_no_sense_is_refused_once_for_all;
