@@ -2,6 +2,7 @@
 //! fast the machine is; load merges wake-ups, which makes them fewer. The budgets are in `budgets.toml` beside this file; a service that
 //! costs more fails with the numbers, and a change that makes it cheaper lowers the budget.
 
+use crate::preload;
 use jink_runtime::{Checks, Instance, Session, now};
 use jink_shared_types::topics;
 use jink_testkit::not_tested;
@@ -32,20 +33,6 @@ fn source_folder() -> PathBuf {
 fn budgets() -> BTreeMap<String, Budget> {
     let text = std::fs::read_to_string(source_folder().join("budgets.toml")).unwrap();
     toml::from_str(&text).unwrap()
-}
-
-/// The library that counts allocations, compiled into `folder`.
-fn counting_library(folder: &Path) -> Result<PathBuf, String> {
-    let library = folder.join("count_allocations.so");
-    let compiled = Command::new("cc")
-        .args(["-O1", "-shared", "-fPIC", "-o"])
-        .arg(&library)
-        .arg(source_folder().join("preload/count_allocations.c"))
-        .status();
-    match compiled {
-        Ok(status) if status.success() => Ok(library),
-        other => Err(format!("no C compiler: {other:?}")),
-    }
 }
 
 /// A `strace` that counts the calls of one process.
@@ -138,7 +125,7 @@ fn count(
 fn no_service_costs_more_than_its_budget_in_flight() {
     let budgets = budgets();
     let folder = TempFolder::new("budgets");
-    let library = match counting_library(folder.path()) {
+    let library = match preload::library(folder.path(), "count_allocations") {
         Ok(library) => library,
         Err(why) => {
             not_tested(&format!("nothing is counted, {why}"));
