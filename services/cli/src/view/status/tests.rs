@@ -2,7 +2,7 @@ use super::{PostMortem, Report, duration, exit_code, exit_text};
 use jink_shared_types::Stage;
 use jink_shared_types::coded::{Coded, Flag};
 use jink_shared_types::health::{Health, Heartbeat, Name, ProcessStatus, ServiceState, SystemStatus};
-use jink_shared_types::link::{AssistState, CLASSES, LinkStatus, LinkTraffic};
+use jink_shared_types::link::{AssistState, CLASSES, LinkStatus, LinkTraffic, TelemetryLog};
 use jink_shared_types::{SampleHeader, Stamped, Timestamp};
 
 fn at(seconds: f64) -> Timestamp {
@@ -77,6 +77,21 @@ fn the_screen_shows_every_service_with_its_figures() {
     );
     assert!(text.starts_with("jink default: degraded, up 30 s, 2 restarts\n"));
     assert!(text.ends_with("link: the gateway has said nothing yet\n"));
+}
+
+#[test]
+fn a_telemetry_log_that_has_ended_is_a_line_and_one_that_is_written_is_none() {
+    let text = |telemetry_log| {
+        let link = LinkStatus {
+            telemetry_log: Coded::new(telemetry_log),
+            ..LinkStatus::default()
+        };
+        report(Some(&link)).text(1_000.0)
+    };
+    assert!(text(TelemetryLog::Lost).contains("\ntelemetry log: full\n"));
+    for quiet in [TelemetryLog::None, TelemetryLog::Written] {
+        assert!(!text(quiet).contains("telemetry log"), "{quiet}");
+    }
 }
 
 #[test]
