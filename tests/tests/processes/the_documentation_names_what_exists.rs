@@ -95,6 +95,26 @@ fn every_program_of_the_process_table_is_one_that_an_aircraft_needs_or_not() {
     }
 }
 
+/// What the unit forbids by the judgement of systemd, 0 being all, in tenths.
+#[test]
+fn the_unit_of_a_flight_computer_forbids_what_jink_does_without() {
+    const EXPOSURE_MAX: &str = "--threshold=30";
+    let unit = workspace().join("deploy/jink.service");
+    let judged = std::process::Command::new("systemd-analyze")
+        .args(["security", "--offline=true", "--no-pager", EXPOSURE_MAX])
+        .arg(unit)
+        .output();
+    let said = judged.as_ref().map_or_else(
+        |_| String::new(),
+        |judged| String::from_utf8_lossy(&judged.stdout).into_owned(),
+    );
+    let Some(exposure) = said.lines().find(|line| line.contains("exposure level")) else {
+        jink_tests::not_tested("a systemd-analyze that judges units without a running systemd");
+        return;
+    };
+    assert!(judged.is_ok_and(|judged| judged.status.success()), "{exposure}");
+}
+
 #[test]
 fn every_parameter_that_is_examined_is_explained_on_the_page_of_its_autopilot() {
     for (profile, page) in [
