@@ -357,6 +357,47 @@ fn another_user_reads_at_once_whose_it_is() {
 }
 
 #[test]
+fn what_root_asks_of_another_users_instance_leaves_nothing_behind() {
+    if !rustix::process::geteuid().is_root() {
+        jink_tests::not_tested("only root can become another user");
+        return;
+    }
+    let _permit = permit::share();
+    let instance = format!("t_nobody_{}", std::process::id());
+    let of_root = |arguments: &[&str]| {
+        let mut command = program("jink", &["--instance", &instance]);
+        command.args(arguments);
+        command
+    };
+    let of_nobody = |arguments: &[&str]| {
+        let mut command = of_root(arguments);
+        command.uid(NOBODY).gid(NOBODY);
+        command
+    };
+    let address = format!("link.address=udpin:127.0.0.1:{}", free_udp_port());
+    let up = ["up", "--detach", "--world", "forest", "--set", &address];
+    let up = [&up[..], &["--set", "simulation.ground_station_port=0"]].concat();
+    if of_nobody(&["--version"]).output().is_err() {
+        jink_tests::not_tested("another user may not run the programs of this folder");
+        return;
+    }
+    let up = answer(&mut of_nobody(&up));
+    let asked = [
+        &["status"][..],
+        &["top", "--once"],
+        &["topic", "echo", "vehicle/state", "--count", "1"],
+    ]
+    .map(|arguments| answer(&mut of_root(arguments)));
+    let down = answer(&mut of_nobody(&["down"]));
+    let mut left: Vec<_> = std::fs::read_dir("/dev/shm").unwrap().flatten().collect();
+    left.retain(|entry| entry.file_name().to_string_lossy().contains(&instance));
+    assert_eq!(up.code, Some(0), "{up:?}");
+    assert_eq!(down.code, Some(0), "{down:?}");
+    assert!(left.is_empty(), "{left:?} after {asked:?}");
+    assert!(asked.iter().all(|reported| reported.code == Some(0)), "{asked:?}");
+}
+
+#[test]
 fn a_world_is_described_for_people_and_its_reader_may_leave() {
     let table = answer(&mut program(
         "jink",
@@ -387,6 +428,12 @@ fn campaigns_and_approaches_are_commands_of_jink() {
         assert!(
             help.stdout.contains(&format!("Usage: jink {command}")),
             "{help:?}"
+        );
+        let nobody_flies = answer(&mut program("jink", &[command, "--jobs", "0"]));
+        assert_eq!(nobody_flies.code, Some(2), "{nobody_flies:?}");
+        assert!(
+            nobody_flies.stderr.contains("0 is not in 1..=1024"),
+            "{nobody_flies:?}"
         );
     }
 }
