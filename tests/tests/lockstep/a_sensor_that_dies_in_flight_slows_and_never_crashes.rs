@@ -56,8 +56,9 @@ pub fn one_of_two_flights() -> Flights {
             fly(&mut flight, 5.0);
             assert_eq!(reported(&flight, &events::SENSOR_LOST), 1, "seed {seed}");
             let slow_mps = fly(&mut flight, 6.0);
+            // Half the speed, and what an autopilot that speeds up overshoots.
             assert!(
-                slow_mps < 1.75,
+                slow_mps < 1.5 + 0.3,
                 "seed {seed}: {slow_mps} m/s with one sensor of two"
             );
             flight.silent_sensors.clear();

@@ -25,6 +25,10 @@ const GRAZING_COS: f64 = 0.05;
 const SUN_COS: f64 = 0.9994;
 const SUN_RETURNS: f64 = 0.05;
 
+/// Where the vehicle stands its centre is on the ground, but a real one stands on legs: its sensors are at least this high (m).
+/// At height zero nothing of the ground would be seen, and with nothing else in range no frame would have an answer.
+const LEGS_M: f64 = 0.15;
+
 /// What differs between the kinds when the spec says nothing.
 pub(super) struct HeadDefaults {
     pub range_m: [f64; 2],
@@ -117,10 +121,9 @@ impl Head {
     /// The view of the sensor while the vehicle is at `pose`.
     pub fn view(&self, pose: &Pose) -> View {
         let local_r_body = pose.attitude.to_rotation_matrix().into_inner();
-        View {
-            origin: Point::from_vector(pose.position.vector() + local_r_body * self.position),
-            local_r_body,
-        }
+        let mut origin = Point::from_vector(pose.position.vector() + local_r_body * self.position);
+        origin.z_m = origin.z_m.min(-LEGS_M);
+        View { origin, local_r_body }
     }
 
     /// A direction of the sensor in body components.

@@ -364,6 +364,25 @@ fn a_product_says_of_the_sky_nothing_and_of_what_is_beyond_its_range_that_nothin
 }
 
 #[test]
+fn who_stands_on_open_ground_sees_it() {
+    let world = scene(Vec::new());
+    for (spec, model) in [
+        (lidar(), "livox_mid360"),
+        (lidar(), "vlp16"),
+        (camera(), "realsense_d435"),
+    ] {
+        let spec = SensorSpec {
+            model: Some(model.to_owned()),
+            ..spec
+        };
+        for cloud in clouds(&spec, 1, &world, &hover(0.0), 0.3) {
+            let near = hits(&cloud).filter(|point| (0.1..0.2).contains(&point.down_m));
+            assert!(near.count() > 100, "{model}");
+        }
+    }
+}
+
+#[test]
 fn dark_things_answer_from_near_only() {
     let mut ld19 = SensorSpec::new("scan", SensorKind::Lidar3d);
     ld19.model = Some("livox_mid360".to_owned());
