@@ -120,8 +120,10 @@ crate::sample! {
         pub live_sensors: u16,
         /// Whether any range data are fresh enough to commit a new motion.
         pub ranges_fresh: Flag,
+        /// How many sensors sent frames within their deadline, whether these had information or not.
+        pub sending_sensors: Added<u8>,
         /// Explicit padding, zero.
-        pub reserved: Reserved<5>,
+        pub reserved: Reserved<4>,
         /// Counts how often the map was cleared (estimator reset, restart).
         pub epoch: u32,
         /// Occupied cells among them.

@@ -2,10 +2,10 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | capture times of frames with information | how many sensors are live, whether ranges are fresh |
+//! | capture times of frames, and of those with information | how many sensors send and how many are live, whether ranges are fresh |
 //!
-//! A sensor is live while its newest contributing frame was captured within the sensor's own deadline, or that of its
-//! topic. A frame contributes if at least one ray had a result and a pose: a blind, covered or unplaceable sensor
+//! A sensor sends while its newest frame was captured within the sensor's own deadline, or that of its topic: in the open a
+//! frame may be without information. A sensor is live while its newest contributing frame was. A frame contributes if at least one ray had a result and a pose: a blind, covered or unplaceable sensor
 //! counts as none.
 //!
 //! Ranges are fresh if a live sensor has more than one beam, or if all configured sensors have a single beam and all of
@@ -37,10 +37,18 @@ const SILENT: Contribution = Contribution {
 };
 
 impl Contribution {
-    /// A capture later than `now` is not fresh but wrong, beyond [`CYCLE_MS`].
     fn is_live(&self, now: Timestamp) -> bool {
-        let age_ms = now.seconds_since(self.contributed) * 1e3;
-        self.contributed.is_set() && (-CYCLE_MS..=self.deadline_ms).contains(&age_ms)
+        self.is_fresh(self.contributed, now)
+    }
+
+    fn sends(&self, now: Timestamp) -> bool {
+        self.is_fresh(self.newest, now)
+    }
+
+    /// A capture later than `now` is not fresh but wrong, beyond [`CYCLE_MS`].
+    fn is_fresh(&self, capture: Timestamp, now: Timestamp) -> bool {
+        let age_ms = now.seconds_since(capture) * 1e3;
+        capture.is_set() && (-CYCLE_MS..=self.deadline_ms).contains(&age_ms)
     }
 }
 
@@ -70,25 +78,24 @@ impl Contributions {
             .map_or(Timestamp::NEVER, |sensor| sensor.newest)
     }
 
-    /// Takes a frame of `sensor` captured at `capture`: `false` for a sensor that is not configured and for a frame
+    /// Takes a frame of `sensor` captured at `capture`, the next of which is due after `deadline_ms`: `false` for a sensor that is not configured and for a frame
     /// that is not newer than the sensor's last, which would count its evidence twice.
-    pub fn accept(&mut self, sensor: usize, capture: Timestamp) -> bool {
+    pub fn accept(&mut self, sensor: usize, capture: Timestamp, deadline_ms: f64) -> bool {
         let Some(sensor) = self.sensors.get_mut(sensor) else {
             return false;
         };
         if Order::judge(capture, sensor.newest) == Order::Late {
             return false;
         }
-        sensor.newest = capture;
+        (sensor.newest, sensor.deadline_ms) = (capture, deadline_ms);
         true
     }
 
     /// The accepted frame of `sensor` had information.
-    pub fn contributed(&mut self, sensor: usize, single_beam: bool, deadline_ms: f64) {
+    pub fn contributed(&mut self, sensor: usize, single_beam: bool) {
         if let Some(sensor) = self.sensors.get_mut(sensor) {
             sensor.contributed = sensor.newest;
             sensor.single_beam = single_beam;
-            sensor.deadline_ms = deadline_ms;
         }
     }
 
@@ -96,6 +103,12 @@ impl Contributions {
     pub fn live(&self, now: Timestamp) -> u16 {
         let live = self.sensors.iter().filter(|sensor| sensor.is_live(now)).count();
         u16::try_from(live).unwrap_or(u16::MAX)
+    }
+
+    /// How many sensors send at `now`, with or without information.
+    pub fn sending(&self, now: Timestamp) -> u8 {
+        let sending = self.sensors.iter().filter(|sensor| sensor.sends(now)).count();
+        u8::try_from(sending).unwrap_or(u8::MAX)
     }
 
     /// Whether ranges are fresh at `now`; see the module's text for the rule.
@@ -119,8 +132,8 @@ mod tests {
     }
 
     fn contribute(sensors: &mut Contributions, sensor: usize, t_s: f64, single_beam: bool) {
-        assert!(sensors.accept(sensor, at(t_s)));
-        sensors.contributed(sensor, single_beam, DEADLINE_MS);
+        assert!(sensors.accept(sensor, at(t_s), DEADLINE_MS));
+        sensors.contributed(sensor, single_beam);
     }
 
     #[test]
@@ -130,6 +143,23 @@ mod tests {
         contribute(&mut sensors, 1, 0.0, false);
         assert!(sensors.fresh(at(0.25)) && sensors.live(at(0.25)) == 1);
         assert!(!sensors.fresh(at(0.2501)) && sensors.live(at(0.2501)) == 0);
+    }
+
+    #[test]
+    fn frames_without_information_are_sent_but_nothing_is_live() {
+        let mut sensors = Contributions::new(2);
+        contribute(&mut sensors, 0, 0.0, false);
+        assert!(sensors.accept(0, at(0.2), DEADLINE_MS));
+        let state = |t_s: f64| {
+            (
+                sensors.sending(at(t_s)),
+                sensors.live(at(t_s)),
+                sensors.fresh(at(t_s)),
+            )
+        };
+        assert_eq!(state(0.25), (1, 1, true));
+        assert_eq!(state(0.3), (1, 0, false));
+        assert_eq!(state(0.46), (0, 0, false), "it is silent");
     }
 
     #[test]
@@ -157,10 +187,10 @@ mod tests {
     #[test]
     fn a_frame_is_taken_once_and_in_order() {
         let mut sensors = Contributions::new(1);
-        assert!(sensors.accept(0, at(0.1)));
-        assert!(!sensors.accept(0, at(0.1)) && !sensors.accept(0, at(0.05)));
-        assert!(!sensors.accept(1, at(0.2)), "not configured");
-        assert!(!sensors.accept(0, Timestamp::NEVER));
+        assert!(sensors.accept(0, at(0.1), DEADLINE_MS));
+        assert!(!sensors.accept(0, at(0.1), DEADLINE_MS) && !sensors.accept(0, at(0.05), DEADLINE_MS));
+        assert!(!sensors.accept(1, at(0.2), DEADLINE_MS), "not configured");
+        assert!(!sensors.accept(0, Timestamp::NEVER, DEADLINE_MS));
     }
 
     #[test]

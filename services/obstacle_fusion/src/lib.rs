@@ -69,7 +69,7 @@ use jink_shared_types::params::{
 };
 use jink_shared_types::pose_history::{Estimate, PoseHistory};
 use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
-use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
+use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN, TopicRow};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
 use moving::Moving;
@@ -290,7 +290,8 @@ impl Fusion {
     pub fn cloud(&mut self, sensor: usize, cloud: &PointCloud, header: &SampleHeader) {
         let plausible = cloud.is_plausible();
         let limits = self.limits(cloud.origin, cloud.range_min_m, cloud.range_max_m);
-        let Some(limits) = limits.filter(|_| plausible && self.accept(sensor, header.capture)) else {
+        let Some(limits) = limits.filter(|_| plausible && self.accept(sensor, header, &RANGE_CLOUD.row))
+        else {
             self.counters.frames_refused += 1;
             return;
         };
@@ -315,8 +316,7 @@ impl Fusion {
         ) {
             self.view
                 .cloud(sensor, cloud, header.capture, self.frames, reach_m);
-            let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
-            self.sensors.contributed(sensor, false, deadline_ms);
+            self.sensors.contributed(sensor, false);
             self.moving.sees_height();
         }
         let (sweep, history) = (&mut self.sweep, &self.history);
@@ -331,7 +331,8 @@ impl Fusion {
             .filter(|_| scan.is_plausible() && scan::is_mappable(scan));
         let limits = self.limits(scan.origin, scan.range_min_m, scan.range_max_m);
         let usable = limits.zip(mounting);
-        let Some((limits, body_q_sensor)) = usable.filter(|_| self.accept(sensor, header.capture)) else {
+        let Some((limits, body_q_sensor)) = usable.filter(|_| self.accept(sensor, header, &RANGE_SCAN.row))
+        else {
             self.counters.frames_refused += 1;
             return;
         };
@@ -350,8 +351,7 @@ impl Fusion {
         }) {
             self.view
                 .scan(sensor, scan, &body_q_sensor, header.capture, reach_m, band_m);
-            let deadline_ms = header.deadline_ms(RANGE_SCAN.row.deadline_ms);
-            self.sensors.contributed(sensor, single_beam, deadline_ms);
+            self.sensors.contributed(sensor, single_beam);
         }
         if !single_beam {
             let (sweep, history) = (&mut self.sweep, &self.history);
@@ -360,12 +360,13 @@ impl Fusion {
         }
     }
 
-    /// Whether the frame captured at `capture` is newer than the sensor's last.
-    fn accept(&mut self, sensor: usize, capture: Timestamp) -> bool {
+    /// Whether the frame with `header`, of a topic of `row`, is newer than the sensor's last.
+    fn accept(&mut self, sensor: usize, header: &SampleHeader, row: &TopicRow) -> bool {
         let newest = self.sensors.newest(sensor);
-        let is_newer = self.sensors.accept(sensor, capture);
+        let deadline_ms = header.deadline_ms(row.deadline_ms);
+        let is_newer = self.sensors.accept(sensor, header.capture, deadline_ms);
         if !is_newer {
-            self.health.late(sensor, capture, newest);
+            self.health.late(sensor, header.capture, newest);
         }
         is_newer
     }
@@ -438,6 +439,7 @@ impl Fusion {
         let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
+        out.sending_sensors = Added::new(self.sensors.sending(now));
         // With a faulty sensor the vehicle must not take off, and where the position is adrift nothing is where the map says.
         let is_held = !self.armed && self.health.is_any_wrong() || self.health.adrift().is_some();
         out.ranges_fresh = Flag::from(self.sensors.fresh(now) && !is_held);

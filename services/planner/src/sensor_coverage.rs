@@ -88,7 +88,9 @@ impl Planner {
             ..self.coverage.needs
         };
         let mut view = map.view;
-        if map.live_sensors >= self.sensors && view.sensors >= u32::from(self.sensors) {
+        // In the open a frame may be without an answer.
+        let sending = map.sending_sensors.get().map_or(map.live_sensors, u16::from);
+        if sending >= self.sensors && view.sensors >= u32::from(self.sensors) {
             view.join(&self.coverage.nominal);
         }
         let missing = view.missing(&needs);

@@ -34,6 +34,11 @@ pub fn flights() -> Flights {
     // It turned to one side and to the other for ever: half a turn takes longer than a look is remembered, and a turn toward the way
     // to a look did not count as one.
     add(true, "d435", "forest", 39);
+    // With nothing but the ground in range the take-off was refused, or never began: a frame may be without a single answer.
+    add(true, "mid360", "empty", 1);
+    add(true, "mid360", "empty", 2);
+    add(true, "vlp16", "empty", 1);
+    add(true, "d435", "empty", 1);
     add(false, "mid360", "corridor", 39);
     flights
 }

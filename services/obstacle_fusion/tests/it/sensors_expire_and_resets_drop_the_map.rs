@@ -81,7 +81,7 @@ fn a_lone_altimeter_does_not_vouch_for_a_silent_lidar() {
 }
 
 #[test]
-fn a_sensor_that_says_nothing_is_not_live() {
+fn a_sensor_that_says_nothing_sends_but_is_not_live() {
     let mut blind = cloud();
     blind
         .points
@@ -104,6 +104,12 @@ fn a_sensor_that_says_nothing_is_not_live() {
         assert_eq!(
             (map.live_sensors, map.ranges_fresh, map.occupied_cells),
             (0, Flag::NO, 0)
+        );
+        assert_eq!(map.sending_sensors.get(), Some(1));
+        assert_eq!(
+            written(&fusion, at(0.26)).sending_sensors.get(),
+            None,
+            "it is silent"
         );
     }
     let mut fusion = fusion(1);

@@ -7,7 +7,7 @@ use jink_shared_types::motion::Route;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::view::{FieldOfView, Missing};
-use jink_shared_types::{Flag, Reading, SampleHeader, Stamped};
+use jink_shared_types::{Added, Flag, Reading, SampleHeader, Stamped};
 use nalgebra::Vector3;
 
 const CYCLE_S: f64 = 0.1;
@@ -35,13 +35,14 @@ fn all_around(low_deg: i32, high_deg: i32) -> FieldOfView {
     view
 }
 
-/// What `planner` says is missing after a while with `live` sensors that have answered from `view`; the text at most once.
-fn missing(mut planner: Planner, view: &FieldOfView, live: u16, state: &VehicleState) -> Missing {
+/// What `planner` says is missing after a while with `sending` sensors that have answered from `view`, but not lately; the text at
+/// most once.
+fn missing(mut planner: Planner, view: &FieldOfView, sending: u8, state: &VehicleState) -> Missing {
     fn fresh<'a, T>(sample: &'a T, header: &'a SampleHeader) -> Reading<'a, T> {
         Reading::Fresh(Stamped { sample, header })
     }
     let mut map = map(10.0, |_| false);
-    (map.view, map.live_sensors) = (*view, live);
+    (map.view, map.live_sensors, map.sending_sensors) = (*view, 0, Added::new(sending));
     let desired = to(9.0, 0.0);
     let mut route = Route::default();
     let mut texts = 0;
