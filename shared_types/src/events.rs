@@ -261,7 +261,9 @@ events! {
     /// The vehicle flies, and no path has led nearer to the goal for so long (s): at most every half minute, until OA_BLOCKED_T and the
     /// time for the detours that are known are over.
     WAY_SEARCHED = 66, Notice, Answer, "jink: looking for a way round, {0} s", "None; hold, or choose another goal, if it takes too long.";
-    /// A sensor that was right so far sees the vehicle move otherwise than its estimated position: nothing is where the map says.
+    /// A sensor that was right so far sees the vehicle move otherwise than its estimated position: nothing is where the map says. Or
+    /// the estimate (this is its name then) contradicts itself: for a second its position has moved by more than 1 m/s otherwise than
+    /// its velocity says.
     POSITION_ADRIFT = 68, Critical, Until(POSITION_CREDIBLE), "jink: {name}: position adrift, stopping", "Take over without position (Altitude, Stabilize), or land; look at the GPS.";
     /// It moves as it is estimated again.
     POSITION_CREDIBLE = 69, Notice, End, "jink: position is credible again", "None.";

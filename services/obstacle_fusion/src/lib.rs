@@ -162,6 +162,8 @@ pub struct Fusion {
     view: FieldOfViewEstimator,
     transient_hits: TransientHits,
     moving: Moving,
+    /// That the position is adrift was reported.
+    adrift_reported: bool,
     counters: RejectedCounts,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
@@ -192,6 +194,7 @@ impl Fusion {
             view: FieldOfViewEstimator::new(),
             transient_hits: TransientHits::new(config.sensor_count),
             moving: Moving::new(),
+            adrift_reported: false,
             home_down_m: f64::NAN,
             overhang_seen: false,
             start: StartBubble::default(),
@@ -441,7 +444,7 @@ impl Fusion {
         out.live_sensors = self.sensors.live(now);
         out.sending_sensors = Added::new(self.sensors.sending(now));
         // With a faulty sensor the vehicle must not take off, and where the position is adrift nothing is where the map says.
-        let is_held = !self.armed && self.health.is_any_wrong() || self.health.adrift().is_some();
+        let is_held = !self.armed && self.health.is_any_wrong() || self.is_adrift();
         out.ranges_fresh = Flag::from(self.sensors.fresh(now) && !is_held);
         out.faults = Added::new(self.health.bits());
         out.reserved = Reserved::ZERO;
@@ -520,10 +523,21 @@ impl Fusion {
         self.health.next_change()
     }
 
-    /// Whether the vehicle moves otherwise than its estimated position, and by which sensor; once per change. After
+    /// Whether the vehicle moves otherwise than its estimate, if that has changed since the last call. After
     /// [`Fusion::next_finding`].
-    pub fn adrift_change(&mut self) -> Option<Option<usize>> {
-        self.health.adrift_change()
+    pub fn adrift_change(&mut self) -> Option<bool> {
+        let is_adrift = self.is_adrift();
+        (std::mem::replace(&mut self.adrift_reported, is_adrift) != is_adrift).then_some(is_adrift)
+    }
+
+    /// A sensor that sees the vehicle move otherwise than its estimated position; none while it is the estimate that contradicts
+    /// itself.
+    pub fn adrift_seen_by(&self) -> Option<usize> {
+        self.health.adrift()
+    }
+
+    fn is_adrift(&self) -> bool {
+        self.health.adrift().is_some() || self.moving.is_slipping()
     }
 
     /// The counts of what was rejected so far.

@@ -54,12 +54,17 @@ impl Moving {
     pub fn clear(&mut self) {
         self.open.clear();
         self.tracks.clear();
-        self.slip = Slip::default();
+        self.slip.on_reset();
     }
 
     /// Takes an estimate of the vehicle's position and velocity.
     pub fn vehicle(&mut self, at: Timestamp, estimate: &Estimate) {
         self.slip.update(at, estimate);
+    }
+
+    /// Whether the estimated position moves otherwise than the estimated velocity says.
+    pub fn is_slipping(&self) -> bool {
+        self.slip.is_wrong()
     }
 
     /// A sensor that sees height contributes.

@@ -161,11 +161,11 @@ impl Service for FusionService {
             let name = self.names.get(finding.sensor).map_or("", String::as_str);
             cycle.events.publish(now, &finding.event(name));
         }
-        if let Some(adrift) = self.fusion.adrift_change() {
-            let name = adrift
-                .and_then(|sensor| self.names.get(sensor))
-                .map_or("", String::as_str);
-            let event = if adrift.is_some() {
+        if let Some(is_adrift) = self.fusion.adrift_change() {
+            let seen_by = self.fusion.adrift_seen_by();
+            let name = seen_by.and_then(|sensor| self.names.get(sensor));
+            let name = name.map_or("estimate", String::as_str);
+            let event = if is_adrift {
                 &events::POSITION_ADRIFT
             } else {
                 &events::POSITION_CREDIBLE

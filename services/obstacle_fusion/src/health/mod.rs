@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames with the same time ([`repeat_check`]) | the frames are not entered, so the sensor expires |
 //! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before lies in space that its rays now pass through, and does not after ranges are scaled, left and right exchanged, or the sensor rotated ([`motion_check`]) | an event |
-//! | position adrift | none of the sensor: what a credible sensor has seen before lies in space that its rays now pass through, and does not after the later frame is shifted ([`motion_check`]) | an event; ranges are not fresh, so the vehicle stops |
+//! | position adrift | none of the sensor: what a credible sensor has seen before lies in space that its rays now pass through, and does not after the later frame is shifted ([`motion_check`]); or the estimated position moves otherwise than the estimated velocity says ([`crate::moving`]) | an event; ranges are not fresh, so the vehicle stops |
 //! | wrong rate | frames per second against the sensor's table ([`rate_check`]) | an event |
 //!
 //! Before arming, ranges are not fresh while any sensor has a fault.
@@ -97,8 +97,6 @@ fn shown(factor: f64) -> [f64; 2] {
 /// All sensors.
 pub(crate) struct SensorChecks {
     sensors: Vec<SensorHealth>,
-    /// That the position is adrift was reported.
-    adrift_reported: bool,
 }
 
 impl SensorChecks {
@@ -112,7 +110,6 @@ impl SensorChecks {
         });
         Self {
             sensors: sensors.collect(),
-            adrift_reported: false,
         }
     }
 
@@ -223,13 +220,6 @@ impl SensorChecks {
     /// A sensor by which the vehicle moves otherwise than its estimated position.
     pub fn adrift(&self) -> Option<usize> {
         self.sensors.iter().position(|sensor| sensor.motion.is_adrift())
-    }
-
-    /// Whether the position is adrift, and by which sensor, if that has changed since the last call.
-    pub fn adrift_change(&mut self) -> Option<Option<usize>> {
-        let adrift = self.adrift();
-        let is_known = std::mem::replace(&mut self.adrift_reported, adrift.is_some()) == adrift.is_some();
-        (!is_known).then_some(adrift)
     }
 
     /// Compares the frames that have come since the last call.

@@ -317,6 +317,7 @@ impl MotionCheck {
         self.key.pose = None;
         self.search = None;
         self.is_taken = false;
+        self.settled = 0;
     }
 
     /// A frame has come that was captured at `at`, at `pose`: whether it is to be compared, or kept for a later

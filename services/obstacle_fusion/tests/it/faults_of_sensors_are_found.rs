@@ -116,6 +116,50 @@ fn a_position_that_runs_off_stops_the_vehicle_within_seconds_and_no_sensor_is_bl
 }
 
 #[test]
+fn a_reset_ends_the_alarm_only_when_the_velocity_is_right_too() {
+    const RUNS_OFF_S: f64 = 14.0;
+    const RESET_S: f64 = 18.0;
+    let world = world("forest");
+    let flown = |right_s: f64, off_mps: f64| {
+        let mut path = FlightPath::through(&world);
+        path.runs_off = (RUNS_OFF_S, Vector3::new(2.0, 0.0, 0.0));
+        path.reset = (RESET_S, right_s, Vector3::new(0.0, off_mps, 0.0));
+        let flown = fly(&world, &set("mid360"), &path, 25.0, |_, _, _| 1);
+        println!("{off_mps} m/s until {right_s} s: {:?}", flown.adrift);
+        assert_eq!(flown.findings, []);
+        flown.adrift
+    };
+    for (right_s, off_mps) in [(RESET_S, 0.0), (RESET_S + 3.0, 4.0)] {
+        let adrift = flown(right_s, off_mps);
+        let [(noticed_s, true), (ended_s, false)] = adrift[..] else {
+            panic!("{adrift:?}");
+        };
+        assert!((RUNS_OFF_S..RESET_S).contains(&noticed_s));
+        assert!((right_s..right_s + 3.0).contains(&ended_s), "{ended_s} s");
+    }
+}
+
+#[test]
+fn a_wrong_velocity_alone_stops_the_vehicle_within_two_seconds_and_a_reset_of_2_m_never_does() {
+    let world = world("forest");
+    for (jump_m, off_mps) in [(2.0, 0.0), (0.0, 2.0)] {
+        let mut path = FlightPath::through(&world);
+        // Too slowly to be noticed.
+        path.runs_off = (2.0, Vector3::new(jump_m / 8.0, 0.0, 0.0));
+        path.reset = (10.0, 20.0, Vector3::new(0.0, off_mps, 0.0));
+        let flown = fly(&world, &set("mid360"), &path, 14.0, |_, _, _| 1);
+        println!("{jump_m} m, {off_mps} m/s: {:?}", flown.adrift);
+        let is_wrong = off_mps > 1.0;
+        assert_eq!(flown.map().ranges_fresh.is_set(), !is_wrong);
+        assert!(match flown.adrift[..] {
+            [] => !is_wrong,
+            [(noticed_s, true)] => is_wrong && (10.0..12.0).contains(&noticed_s),
+            _ => false,
+        });
+    }
+}
+
+#[test]
 fn a_fast_flight_with_a_late_estimate_blames_no_sensor() {
     let world = world("forest");
     for name in ["mid360", "os1", "vlp16", "sphere"] {

@@ -37,6 +37,8 @@ pub struct FlightPath {
     pub late_s: f64,
     /// From when on (s) the estimated position runs off, and how fast (m/s), as it does when a GPS repeats its last fix.
     pub runs_off: (f64, Vector3<f64>),
+    /// When (s) the estimator is reset to the true position, and until when its velocity is off after that, by how much (m/s).
+    pub reset: (f64, f64, Vector3<f64>),
 }
 
 impl FlightPath {
@@ -47,6 +49,7 @@ impl FlightPath {
             speed_mps: SPEED_MPS,
             late_s: 0.0,
             runs_off: (f64::INFINITY, Vector3::zeros()),
+            reset: (f64::INFINITY, f64::INFINITY, Vector3::zeros()),
         }
     }
 
@@ -166,7 +169,7 @@ pub fn fly_until(
             while let Some(finding) = fusion.next_finding() {
                 findings.push((frames, finding));
             }
-            adrift.extend(fusion.adrift_change().map(|sensor| (t_s, sensor.is_some())));
+            adrift.extend(fusion.adrift_change().map(|is_adrift| (t_s, is_adrift)));
         }
     }
     FlightResult {
@@ -180,10 +183,12 @@ pub fn fly_until(
 
 /// The estimator's state of the vehicle: off by a slow drift of 0.3 m, and by a degree.
 fn state(path: &FlightPath, t_s: f64) -> VehicleState {
+    let (reset_s, right_s, velocity_off_mps) = path.reset;
+    let is_reset = t_s >= reset_s;
     let estimate = |t_s: f64| {
         let pose = path.pose(t_s - path.late_s);
         let (runs_from_s, off_mps) = path.runs_off;
-        let off = if t_s > runs_from_s {
+        let off = if t_s > runs_from_s && !is_reset {
             off_mps * (t_s - runs_from_s)
         } else {
             Vector3::zeros()
@@ -194,9 +199,14 @@ fn state(path: &FlightPath, t_s: f64) -> VehicleState {
     let (position, attitude) = estimate(t_s);
     let (next, _) = estimate(t_s + 0.001);
     let off = UnitQuaternion::from_euler_angles(0.017 * (0.3 * t_s).sin(), 0.01, 0.017);
+    let mut velocity_mps = (next - position) / 0.001;
+    if is_reset && t_s < right_s {
+        velocity_mps += velocity_off_mps;
+    }
     VehicleState {
         position: Point::from_vector(position),
-        velocity: Velocity::from_vector((next - position) / 0.001),
+        velocity: Velocity::from_vector(velocity_mps),
+        estimator_resets: u32::from(is_reset),
         attitude: Attitude::from_rotation(attitude * off),
         position_valid: Flag::YES,
         armed: Flag::YES,
