@@ -9,7 +9,7 @@
 //! map's bit planes). Such hits are grouped by columns (`clusters`), and the groups tracked from frame to frame with a
 //! constant velocity (`tracks`). A track is reported once it has moved for a while, as far as its uncertainty allows to
 //! say so: what only flickers, and what the map's own errors shift, is not; nor is what moves as the estimated position slips
-//! (`slip`).
+//! (`slip`), nor what a late attitude displaces while the vehicle turns.
 //!
 //! What moves is in the map as well, like everything that is hit; a track says where it is going to be.
 
@@ -27,7 +27,10 @@ use jink_shared_types::pose_history::Estimate;
 use nalgebra::Vector3;
 use open_space::OpenSpace;
 use slip::Slip;
-use tracks::Tracks;
+use tracks::{Tracks, Viewpoint};
+
+/// The vehicle counts as turning as it did for about this long (s): a sweep takes so long, and its poses may be late.
+const TURNED_S: f64 = 0.1;
 
 /// What moves around the vehicle.
 pub(crate) struct Moving {
@@ -35,6 +38,9 @@ pub(crate) struct Moving {
     clusters: Clusters,
     tracks: Tracks,
     slip: Slip,
+    viewpoint: Viewpoint,
+    /// When that was taken.
+    viewed: Timestamp,
     /// A sensor that sees height contributes: not only planar scans.
     sees_height: bool,
 }
@@ -46,6 +52,8 @@ impl Moving {
             clusters: Clusters::new(),
             tracks: Tracks::new(),
             slip: Slip::default(),
+            viewpoint: Viewpoint::default(),
+            viewed: Timestamp::NEVER,
             sees_height: false,
         }
     }
@@ -60,6 +68,13 @@ impl Moving {
     /// Takes an estimate of the vehicle's position and velocity.
     pub fn vehicle(&mut self, at: Timestamp, estimate: &Estimate) {
         self.slip.update(at, estimate);
+        let passed_s = at.seconds_since(self.viewed).max(0.0);
+        let turned_radps = self.viewpoint.turning_radps * (-passed_s / TURNED_S).exp();
+        self.viewpoint = Viewpoint {
+            place_m: estimate.position_m,
+            turning_radps: estimate.rates_radps.norm().max(turned_radps),
+        };
+        self.viewed = at;
     }
 
     /// Whether the estimated position moves otherwise than the estimated velocity says.
@@ -79,8 +94,8 @@ impl Moving {
         self.open
             .hits(frame, window, |cell, is_open| self.clusters.add(cell, is_open));
         let slipped_m = self.slip.slipped_m();
-        self.tracks
-            .update(capture, self.clusters.groups(window.min_cell()), &slipped_m);
+        let groups = self.clusters.groups(window.min_cell());
+        self.tracks.update(capture, groups, &slipped_m, &self.viewpoint);
     }
 
     /// Writes what moves, the nearest to `vehicle_m` (local) first.

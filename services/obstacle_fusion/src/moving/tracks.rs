@@ -7,6 +7,7 @@
 use super::clusters::Group;
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::{Point, Velocity};
+use jink_shared_types::map::CELL_M;
 use jink_shared_types::moving::{MOVING_OBSTACLES, MovingObstacle, MovingObstacles};
 use nalgebra::Vector3;
 
@@ -49,6 +50,11 @@ const UPRIGHT_M: f64 = 0.6;
 /// How soon a size follows one that is seen smaller: the share of the difference per frame. Larger ones count at once
 /// by half.
 const SHRINK: f64 = 0.05;
+/// The attitude of an autopilot may be so late (s): what is seen while the vehicle turns is displaced by that much of the turn ...
+const LATE_S: f64 = 0.03;
+/// ... and, by more than this (m), may lie in open space although it stands beside it: a cell beside an obstacle is never open, and noise
+/// takes half of it.
+const DISPLACED_M: f64 = 0.5 * CELL_M;
 /// Most tracks.
 const TRACKS_MAX: usize = 2 * MOVING_OBSTACLES;
 
@@ -202,6 +208,22 @@ impl Track {
     }
 }
 
+/// From where, and in what turn, groups are seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Viewpoint {
+    pub place_m: Vector3<f64>,
+    pub turning_radps: f64,
+}
+
+impl Viewpoint {
+    /// Whether `group` is where it seems to be: one that is not may be a part of what stands still, and only continues a track that
+    /// moves.
+    fn is_steady(&self, group: &Group) -> bool {
+        let away_m = (group.centre_m - self.place_m).norm();
+        LATE_S * self.turning_radps * away_m <= DISPLACED_M
+    }
+}
+
 /// All tracks.
 pub(crate) struct Tracks {
     tracks: Vec<Track>,
@@ -231,9 +253,15 @@ impl Tracks {
         self.now = Timestamp::NEVER;
     }
 
-    /// Takes the groups of a frame captured at `capture`, when the estimated position has slipped by `slipped_m` so far: the
-    /// track and group first.
-    pub fn update(&mut self, capture: Timestamp, groups: &[Group], slipped_m: &Vector3<f64>) {
+    /// Takes the groups of a frame captured at `capture`, when the estimated position has slipped by `slipped_m` so far, seen from
+    /// `viewpoint`: the track and group first.
+    pub fn update(
+        &mut self,
+        capture: Timestamp,
+        groups: &[Group],
+        slipped_m: &Vector3<f64>,
+        viewpoint: &Viewpoint,
+    ) {
         let groups = &groups[..groups.len().min(TRACKS_MAX)];
         let passed_s = if self.now.is_set() {
             capture.seconds_since(self.now)
@@ -258,7 +286,10 @@ impl Tracks {
         }
         self.pairs.clear();
         for (index, track) in self.tracks.iter().enumerate() {
-            let near = groups.iter().enumerate();
+            let near = groups
+                .iter()
+                .enumerate()
+                .filter(|(_, seen)| track.moves || viewpoint.is_steady(seen));
             self.pairs.extend(
                 near.filter_map(|(group, seen)| track.distance_m(seen).map(|away_m| (away_m, index, group))),
             );
@@ -277,7 +308,7 @@ impl Tracks {
         self.tracks
             .retain(|track| now.seconds_since(track.seen) <= LOST_S);
         for (group, is_used) in groups.iter().zip(&self.used) {
-            if !is_used && self.tracks.len() < TRACKS_MAX {
+            if !is_used && viewpoint.is_steady(group) && self.tracks.len() < TRACKS_MAX {
                 self.last_id = self.last_id.wrapping_add(1).max(1);
                 self.tracks.push(Track::new(self.last_id, now, group, slipped_m));
             }
@@ -307,7 +338,7 @@ impl Tracks {
 
 #[cfg(test)]
 mod tests {
-    use super::{Group, Tracks};
+    use super::{Group, Tracks, Viewpoint};
     use jink_shared_types::Timestamp;
     use jink_shared_types::moving::MovingObstacles;
     use nalgebra::Vector3;
@@ -323,7 +354,8 @@ mod tests {
         for frame in 0..=40 {
             let t_s = 0.05 * f64::from(frame);
             let now = Timestamp::from_seconds(100.0 + t_s);
-            tracks.update(now, &[group_at(t_s)], &Vector3::new(slips_mps * t_s, 0.0, 0.0));
+            let slipped_m = Vector3::new(slips_mps * t_s, 0.0, 0.0);
+            tracks.update(now, &[group_at(t_s)], &slipped_m, &Viewpoint::default());
         }
         let mut moving = MovingObstacles::default();
         tracks.write(&Vector3::new(0.0, 0.0, -2.0), &mut moving);

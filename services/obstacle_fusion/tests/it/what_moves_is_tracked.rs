@@ -97,6 +97,121 @@ fn fly(
     seen
 }
 
+/// A vehicle that gusts of about 2 m/s carry to and fro, and that tilts against them.
+fn gusty(t_s: f64, phase: f64) -> VehicleMotion {
+    const GRAVITY_MPS2: f64 = 9.8;
+    // Speed (m/s), its circular frequency (rad/s), where it begins.
+    let gusts = [(1.1, 1.1, 0.0), (0.8, 2.3, 1.0), (0.5, 4.1, 2.0)];
+    // Place, speed, acceleration and jerk on an axis.
+    let along = |axis: f64| {
+        gusts
+            .iter()
+            .fold([0.0; 4], |[place, speed, pull, jerk], (mps, radps, turn)| {
+                let (sin, cos) = (radps * t_s + turn * (1.0 + axis) + phase + axis).sin_cos();
+                [
+                    place + mps / radps * sin,
+                    speed + mps * cos,
+                    pull - mps * radps * sin,
+                    jerk - mps * radps * radps * cos,
+                ]
+            })
+    };
+    let ([north_m, north_mps, north, north_jerk], [east_m, east_mps, east, east_jerk]) =
+        (along(0.0), along(2.0));
+    VehicleMotion {
+        position_m: Vector3::new(1.0 + north_m, 0.5 * east_m, -2.0),
+        velocity_mps: Vector3::new(north_mps, 0.5 * east_mps, 0.0),
+        attitude: UnitQuaternion::from_euler_angles(0.5 * east / GRAVITY_MPS2, -north / GRAVITY_MPS2, 0.0),
+        rates_radps: Vector3::new(0.5 * east_jerk / GRAVITY_MPS2, -north_jerk / GRAVITY_MPS2, 0.0),
+    }
+}
+
+/// Sways in those gusts between trees and two walls with an attitude that is 30 ms late; what moves after each frame.
+fn sway(seed: u64, lidar: &Lidar, walker: Option<Walker>) -> Vec<(f64, MovingObstacles)> {
+    const LATE_S: f64 = 0.03;
+    let wall = |center_m: Vector3<f64>, half_m: Vector3<f64>| WorldShape::Block { center_m, half_m };
+    let mut still = forest(40.0, seed);
+    still.push(wall(Vector3::new(7.0, 0.0, -1.5), Vector3::new(0.1, 4.0, 1.6)));
+    still.push(wall(Vector3::new(-2.0, -6.0, -1.5), Vector3::new(3.0, 0.1, 1.6)));
+    let motion = |t_s: f64| gusty(t_s, seed as f64);
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
+    let mut cloud = PointCloud::boxed();
+    let mut seen = Vec::new();
+    for sweep in 1..=(12.0 * RATE_HZ) as usize {
+        let t_s = sweep as f64 / RATE_HZ;
+        for i in (0..3).rev() {
+            let state_s = t_s - 0.02 * f64::from(i);
+            let (mut state, late) = (motion(state_s), motion(state_s - LATE_S));
+            (state.attitude, state.rates_radps) = (late.attitude, late.rates_radps);
+            state.position_m += Vector3::from_fn(|_, _| random.random_range(-0.03..0.03));
+            fusion.vehicle(&state.state(), &header(state_s));
+        }
+        let mut world = still.clone();
+        world.extend(walker.map(|walker| {
+            let place_m = walker.at(t_s);
+            wall(
+                Vector3::new(place_m.x, place_m.y, -1.0),
+                Vector3::new(RADIUS_M, RADIUS_M, 2.0),
+            )
+        }));
+        lidar.sweep(&world, motion, t_s, sweep, &mut cloud);
+        fusion.cloud(0, &cloud, &header(t_s));
+        let mut moving = MovingObstacles::default();
+        fusion.write_moving(&mut moving);
+        seen.push((t_s, moving));
+    }
+    seen
+}
+
+#[test]
+fn nothing_but_who_walks_moves_in_gusts_whose_tilts_are_reported_late() {
+    let lidar = |rays: usize, rings: usize, elevation_rad: f64| Lidar {
+        rays,
+        rings,
+        elevation_rad: (-elevation_rad, elevation_rad),
+        range_max_m: 40.0,
+        sweep_s: 1.0 / RATE_HZ,
+        ..Lidar::default()
+    };
+    let flies = |lidar: Lidar| {
+        for seed in 1..=3 {
+            for (t_s, moving) in sway(seed, &lidar, None) {
+                assert!(
+                    moving.obstacles().is_empty(),
+                    "seed {seed} at {t_s}: {:?}",
+                    moving.obstacles()
+                );
+            }
+        }
+        let walker = Walker {
+            velocity_mps: Vector3::new(0.0, 1.0, 0.0),
+            place_m: Vector3::new(4.5, 0.0, -2.0),
+            middle_s: 6.0,
+        };
+        let seen = sway(1, &lidar, Some(walker));
+        let near = seen.iter().filter(|(t_s, _)| (t_s - walker.middle_s).abs() < 1.5);
+        let found = near.clone().filter(|(t_s, moving)| {
+            let is_walker = |place: Vector3<f64>| (place - walker.at(*t_s)).xy().norm() < 0.8;
+            moving
+                .obstacles()
+                .iter()
+                .any(|one| is_walker(one.position.vector()))
+        });
+        println!("{} of {}", found.clone().count(), near.clone().count());
+        assert!(found.count() * 10 >= near.count() * 6);
+    };
+    std::thread::scope(|scope| {
+        for lidar in [
+            lidar(14_400, 16, 0.26),
+            lidar(20_000, 0, 0.9),
+            lidar(32_768, 64, 0.79),
+        ] {
+            scope.spawn(move || flies(lidar));
+        }
+    });
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(12))]
     // Who walks away enters no space that was seen to be open: it lies behind.
