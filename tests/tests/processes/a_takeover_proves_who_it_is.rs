@@ -60,8 +60,10 @@ fn the_program_of_another_service_is_refused_by_its_name() {
             "{service} <- {program}: {text}"
         );
     }
-    let restarted = flight.jink(&["restart", "planner"]);
-    assert_eq!(restarted.code, Some(0), "{restarted:?}");
+    // A candidate that the machine makes late is refused, too, and the owner flies on.
+    until("the planner's own program to take over", || {
+        flight.jink(&["restart", "planner"]).code == Some(0)
+    });
     is_unharmed(&flight);
 }
 
