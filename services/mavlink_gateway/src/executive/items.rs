@@ -297,10 +297,13 @@ pub fn radius_m(item: &Item) -> f64 {
     }
 }
 
-/// The heading on the way to an item (rad); NaN: any.
-pub fn yaw_rad(item: &Item) -> f32 {
-    match item.command {
-        MavCmd::MAV_CMD_NAV_WAYPOINT => item.params[3].to_radians(),
+/// The heading on the way to an item (rad); NaN: along the way. ArduPilot stores none (`AP_Mission::mavlink_int_to_mission_cmd`), and
+/// reads it back as zero.
+pub fn yaw_rad(make: AutopilotType, item: &Item) -> f32 {
+    match (make, item.command) {
+        (AutopilotType::Px4, MavCmd::MAV_CMD_NAV_WAYPOINT | MavCmd::MAV_CMD_NAV_LOITER_UNLIM) => {
+            item.params[3].to_radians()
+        }
         _ => f32::NAN,
     }
 }

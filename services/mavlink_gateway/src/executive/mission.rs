@@ -297,9 +297,10 @@ impl Executive {
         };
         let course = self.course_at(scene, items, index);
         Intent {
-            path: target
-                .place()
-                .map(|place| path(place, yaw_rad(&items[index]), next, course.speed_mps)),
+            path: target.place().map(|place| {
+                let yaw_rad = yaw_rad(scene.make, &items[index]);
+                path(place, yaw_rad, next, course.speed_mps)
+            }),
             ..Intent::default()
         }
     }

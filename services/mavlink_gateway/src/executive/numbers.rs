@@ -68,7 +68,7 @@ fn with(command: MavCmd, first: f32, second: f32) -> Item {
     }
 }
 
-/// Flies it from ten metres above home; the places that were wanted with the speed that was asked for, and how it ended.
+/// Flies it from ten metres above home; the places that were wanted with the speed and the heading that were asked for, and how it ended.
 fn flown(make: AutopilotType, mission: &[Item]) -> String {
     // Item 0 of ArduCopter is home, PX4's own.
     let first = match make {
@@ -165,7 +165,11 @@ fn flown(make: AutopilotType, mission: &[Item]) -> String {
             true => String::new(),
             false => format!("@{:.1}", path.mission_speed_mps),
         };
-        let entry = format!("{},{},{}{speed}", place.x, place.y, 0.0 - place.z);
+        let heading = match path.points[1].yaw_rad.to_degrees() {
+            degrees if degrees.is_nan() => String::new(),
+            degrees => format!("^{degrees:.0}"),
+        };
+        let entry = format!("{},{},{}{speed}{heading}", place.x, place.y, 0.0 - place.z);
         if log.last() != Some(&entry) {
             log.push(entry);
         }
@@ -193,6 +197,8 @@ const PLACES: &str = "ModeAuto::loc_from_cmd | MissionBlock::mission_item_to_pos
 const JUMPS: &str = "AP_Mission::get_next_cmd | MissionBase::getNonJumpItem";
 const SPEEDS: &str =
     "ModeAuto::do_change_speed, AC_WPNav::set_speed_xy | Navigator::run, VEHICLE_CMD_DO_CHANGE_SPEED";
+const HEADINGS: &str =
+    "AP_Mission::mavlink_int_to_mission_cmd | MavlinkMissionManager::parse_mavlink_mission_item";
 const LANDS: &str = "ModeAuto::do_land | Mission::handleLanding";
 
 fn row(
@@ -231,6 +237,10 @@ fn table() -> Vec<Row> {
             "20,15,12 40,0,12 lands", "20,15,12 40,0,12 lands"),
         row("height above terrain", vec![in_frame(terrain, to(20.0, 15.0, 12.0)), land()], PLACES,
             "held: above terrain", "held: above terrain"),
+        row("heading 0", vec![Item { params: [0.0; 4], ..to(20.0, 15.0, 10.0) }, land()], HEADINGS,
+            "20,15,10^0 40,0,10 lands", "20,15,10 40,0,10 lands"),
+        row("heading 90", vec![Item { params: [0.0, 0.0, 0.0, 90.0], ..to(20.0, 15.0, 10.0) }, land()], HEADINGS,
+            "20,15,10^90 40,0,10 lands", "20,15,10 40,0,10 lands"),
         row("latitude and longitude 0", vec![at(WAYPOINT, None, 15.0), land()], PLACES,
             "held: without place", "20,0,15 40,0,15 lands"),
         row("latitude, longitude and height 0", vec![at(WAYPOINT, None, 0.0), to(20.0, 15.0, 12.0), land()], PLACES,

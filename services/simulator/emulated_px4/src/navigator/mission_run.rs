@@ -80,7 +80,7 @@ impl Navigator {
         };
         let mut point = self.point(input, kind, position);
         if self.work == Work::Item {
-            point.yaw_rad = f64::from(item.param4);
+            point.yaw_rad = f64::from(item.param4).to_radians();
         }
         if let Task::Waypoint { acceptance_m, .. } = task
             && acceptance_m > 0.0
@@ -95,7 +95,7 @@ impl Navigator {
     fn next_point(&self, task: Task, place: Vector3<f64>, input: &NavigatorInput) -> Option<NextPoint> {
         if self.work != Work::Item {
             let item = input.mission.get(self.item)?;
-            let yaw_rad = f64::from(item.param4);
+            let yaw_rad = f64::from(item.param4).to_radians();
             return Some(NextPoint {
                 position: place,
                 yaw_rad,
@@ -108,7 +108,7 @@ impl Navigator {
                 let item = input.mission.get(input.mission.next_place(self.item + 1)?)?;
                 Some(NextPoint {
                     position: place_of(item, input.frame),
-                    yaw_rad: f64::from(item.param4),
+                    yaw_rad: f64::from(item.param4).to_radians(),
                 })
             }
         }
