@@ -271,6 +271,10 @@ impl Executive {
                 }
             }
             (Task::TakeOff, _) if scene.mode == NavMode::Mission => Target::Climb,
+            // ArduPilot climbs where it is, and never descends for it.
+            (Task::TakeOff, Some(place)) if begun.z - place.z > CLIMBED_M => {
+                Target::Visit(Vector3::new(begun.x, begun.y, place.z), 0.0)
+            }
             (Task::TakeOff, _) => Target::Done,
             (Task::Unguarded(name), _) => Target::Unguarded(name),
             (Task::Nowhere, _) => Target::Nowhere,
