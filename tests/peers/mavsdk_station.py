@@ -22,6 +22,7 @@ from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.component_metadata import MetadataType
 from mavsdk.plugins.mission import MissionItem, MissionPlan
 from mavsdk.plugins.param import ProtocolVersion
+from mavsdk.plugins.action.action import ActionError
 
 AVOIDANCE = 196
 PATIENCE_S = 40.0
@@ -132,7 +133,13 @@ class Flight:
         await mission.upload_mission(MissionPlan(items))
         back = await mission.download_mission()
         answers = {"up": len(items), "down": len(back.mission_items)}
-        await self.action.arm()
+        while True:
+            try:
+                await self.action.arm()
+                break
+            except ActionError:
+                # A busy machine has made the avoidance late for a moment, and the autopilot does not arm without it.
+                await asyncio.sleep(1.0)
         await first(self.telemetry.subscribe_armed(), bool)
         await self.action.takeoff()
         await first(self.telemetry.subscribe_position(), lambda p: p.relative_altitude_m > 1.5)
