@@ -5,8 +5,8 @@
 //! | capture times of frames, and of those with information | how many sensors send and how many are live, whether ranges are fresh |
 //!
 //! A sensor sends while its newest frame was captured within the sensor's own deadline, or that of its topic: in the open a
-//! frame may be without information. A sensor is live while its newest contributing frame was. A frame contributes if at least one ray had a result and a pose: a blind, covered or unplaceable sensor
-//! counts as none.
+//! frame may be without information. A sensor is live while its newest contributing frame was. A frame contributes if at
+//! least one ray had a result and a pose: a blind, covered or unplaceable sensor counts as none.
 //!
 //! Ranges are fresh if a live sensor has more than one beam, or if all configured sensors have a single beam and all of
 //! them are live. Beside a lidar, an altimeter does not replace the directions of a silent lidar; on a vehicle equipped
@@ -78,8 +78,8 @@ impl Contributions {
             .map_or(Timestamp::NEVER, |sensor| sensor.newest)
     }
 
-    /// Takes a frame of `sensor` captured at `capture`, the next of which is due after `deadline_ms`: `false` for a sensor that is not configured and for a frame
-    /// that is not newer than the sensor's last, which would count its evidence twice.
+    /// Takes a frame of `sensor` captured at `capture`, the next of which is due after `deadline_ms`: `false` for a sensor that
+    /// is not configured and for a frame that is not newer than the sensor's last, which would count its evidence twice.
     pub fn accept(&mut self, sensor: usize, capture: Timestamp, deadline_ms: f64) -> bool {
         let Some(sensor) = self.sensors.get_mut(sensor) else {
             return false;
