@@ -1,7 +1,7 @@
 //! What the numbers of a mission mean, row by row: each is flown as the autopilot itself would fly it, or held.
 //!
 //! The oracle of each row is the autopilot's own source. ArduCopter 4.7-dev and PX4 main of August 2026 have flown or
-//! refused each of them on their own, PX4 without a speed of 5 cm/s and a take-off at 15 m; docs/missions.md says where they do otherwise.
+//! refused each of them on their own, PX4 without a speed of 5 cm/s, a heading of 90 degrees and a take-off at 15 m; docs/missions.md says where they do otherwise.
 
 use super::client::Item;
 use super::georeference::Georeference;
