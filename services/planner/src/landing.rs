@@ -1,5 +1,5 @@
-//! Whether the place under a vehicle that lands is free, as far as the map knows: reported once per landing. The autopilot lands; nobody
-//! looks for another place.
+//! Whether the place under a vehicle that lands is free, as far as the map knows: reported once per landing. The autopilot lands; the
+//! planner looks for no other place.
 //!
 //! A place to land is level: the highest and the lowest of what is seen below the vehicle, column by column, are next to each other. A
 //! post, a bush, the edge of a box or a roof, and a steep slope are not. What is not seen says nothing.

@@ -29,7 +29,8 @@ const WAY_FACTOR: f64 = 4.0;
 /// ... and this (m), for goals nearby.
 const WAY_M: f64 = 20.0;
 /// Longest time of all searches for a goal (s), besides OA_BLOCKED_T and a second for each metre of the straight way to it: one
-/// detour along all four sides of the map's window in a slow speed tier takes it, and a maze of 20 m took 205 in all.
+/// detour along all four sides of the map's window in a slow speed tier takes it, and whole flights through mazes of 20 m took 205 s
+/// at most.
 const SEARCHES_S: f64 = 240.0;
 /// A search is reported once it has led no nearer for so long (s): by then it is no mere bend ...
 const SEARCH_REPORTED_S: f64 = 10.0;
