@@ -1,5 +1,5 @@
 //! How far the estimated position has slipped: it moves otherwise than the estimated velocity says, as when an estimator follows a
-//! GPS that is off. Everything at rest seems to move so, too. Nobody can steer by an estimate that slips fast for long: after a reset
+//! GPS that is off. Everything at rest seems to move so, too. A vehicle cannot be steered by an estimate that slips fast for long: after a reset
 //! its position may be right, and all that is seen agree with it, while its velocity is metres per second off.
 
 use jink_shared_types::Timestamp;
