@@ -411,7 +411,7 @@ mod tests {
             assert_eq!(verify(&mut owns, &bytes, Signing::Require, &key), Some(Ok(())));
             owns.store(true);
             drop(owns);
-            // Who has not received anything takes nothing back.
+            // A process that has received nothing takes nothing back.
             listens.store(false);
             drop(listens);
             std::fs::remove_dir_all(&instance).unwrap();
