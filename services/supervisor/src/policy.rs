@@ -100,6 +100,16 @@ impl RestartHistory {
         RestartDecision::RestartAfter(delay_s)
     }
 
+    /// The kernel has refused to start a program: no process could be made, no memory was left, or the program is being replaced on
+    /// disk. That is no fault of the program, so it counts as no restart, and is tried again for as long as it takes; answers after how
+    /// long (s).
+    pub fn not_spawned(&mut self, rule: &RestartRule) -> f64 {
+        self.restarts.pop_back();
+        let delay_s = rule.delay_s(self.streak);
+        self.streak = self.streak.saturating_add(1);
+        delay_s
+    }
+
     /// Counts a restart at `now`.
     pub fn restarted(&mut self, now: Timestamp) {
         self.restarts.push_back(now);

@@ -271,16 +271,19 @@ impl Supervision {
             return;
         }
         let lived_s = now.seconds_since(process.started);
-        let cannot_start = exit == Exit::Code(EXIT_CANNOT_START) && lived_s < process.rules.start_grace_s;
-        if cannot_start && coming_up && process.rules.essential {
+        let refused = exit == Exit::Code(EXIT_CANNOT_START) && lived_s < process.rules.start_grace_s;
+        let spawned = exit != Exit::NotSpawned;
+        if (refused || !spawned) && coming_up && process.rules.essential {
             process.run_state = RunState::Failed;
             self.begin_stop(End::CannotStart { process: index });
             return;
         }
-        match process
-            .history
-            .died(&process.rules.restart, now, lived_s, cannot_start)
-        {
+        let (rule, history) = (&process.rules.restart, &mut process.history);
+        let decision = match spawned {
+            true => history.died(rule, now, lived_s, refused),
+            false => RestartDecision::RestartAfter(history.not_spawned(rule)),
+        };
+        match decision {
             RestartDecision::RestartAfter(delay_s) => {
                 process.run_state = RunState::Resting {
                     until: now.plus_seconds(delay_s),

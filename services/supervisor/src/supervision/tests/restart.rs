@@ -94,6 +94,30 @@ fn in_flight_what_cannot_start_is_retried_at_the_longest_delay() {
     assert_eq!(host.end, None);
 }
 
+#[test]
+fn what_the_kernel_refuses_to_start_is_tried_again_for_as_long_as_it_takes() {
+    let mut host = SimulatedHost::running(vec![rules("a")]);
+    host.die(0, Exit::Signal(9));
+    let (died_at, mut refusals) = (host.now, 0);
+    while host.now.seconds_since(died_at) < 60.0 {
+        if host.children[0] == Child::None {
+            host.pass(0.005);
+        } else {
+            host.die(0, Exit::NotSpawned);
+            refusals += 1;
+        }
+    }
+    assert!((30..50).contains(&refusals), "{refusals}");
+    assert_ne!(host.state(0), ServiceState::Failed);
+    while host.children[0] == Child::None {
+        host.pass(0.005);
+    }
+    host.let_all_work();
+    host.pass(0.01);
+    assert_eq!(host.supervision.health(), Health::Healthy);
+    assert!(!host.events.contains(&events::PROCESS_FAILED.id));
+}
+
 fn given_up(on_failure: OnFailure) -> SimulatedHost {
     let mut loser = rules("loser");
     loser.on_failure = on_failure;
