@@ -81,7 +81,6 @@ impl StageLatency {
 /// An exit status as the supervisor codes it, in words.
 pub fn exit_text(last_exit: u32) -> String {
     match last_exit {
-        127 => "code 127: it could not be started".to_owned(),
         0..256 => format!("code {last_exit}"),
         511 => "not known".to_owned(),
         signal => format!("signal {}", signal - 256),

@@ -63,9 +63,15 @@ impl Waits {
     }
 }
 
+/// As which exit status the supervisor reports a program that the kernel did not start, as shells do.
+const NOT_SPAWNED: u32 = 127;
+
 fn report_process(reported: &mut Reported, process: &ProcessStatus, lines: &mut Vec<String>) {
     let name = process.heartbeat.name.as_str();
-    let exit = exit_text(process.last_exit);
+    let ended = match process.last_exit {
+        NOT_SPAWNED => "could not be started".to_owned(),
+        exit => format!("ended with {}", exit_text(exit)),
+    };
     if process.restarts > reported.restarts {
         reported.restarts = process.restarts;
         let what_then = if process.reason == ReplaceReason::TakenOver {
@@ -74,7 +80,7 @@ fn report_process(reported: &mut Reported, process: &ProcessStatus, lines: &mut 
             "started again"
         };
         lines.push(format!(
-            "{name} ended with {exit}, {what_then} (restart {})",
+            "{name} {ended}, {what_then} (restart {})",
             process.restarts
         ));
     } else if process.pid != 0 && !reported.started {
@@ -90,7 +96,7 @@ fn report_process(reported: &mut Reported, process: &ProcessStatus, lines: &mut 
     }
     if process.state == ServiceState::Failed && !reported.failed {
         reported.failed = true;
-        lines.push(format!("{name} ended with {exit} and was given up"));
+        lines.push(format!("{name} {ended} and was given up"));
     }
 }
 
