@@ -59,8 +59,8 @@ fn planner_fusion_and_guard_one_after_the_other() {
     assert_eq!(
         jink.truth_number("hold_count"),
         Some(0.0),
-        "{truth} {}",
-        jink.status()
+        "{truth} {:?}",
+        jink.jink(&["log", "simulator"])
     );
 }
 

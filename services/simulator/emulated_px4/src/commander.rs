@@ -324,6 +324,7 @@ impl Commander {
 
     fn note_fall(&mut self, now_us: u64, cause: HoldCause) {
         self.fall_count += 1;
+        tracing::warn!(?cause, from = ?self.mode, "the companion has failed");
         if self.falls.len() < HOLD_FALLS_KEPT {
             self.falls.push(HoldFall {
                 time_s: now_us as f64 * 1e-6,
