@@ -13,6 +13,10 @@ use crate::sample::STAGE_ROOM;
 pub const NAME_BYTES: usize = 24;
 /// Most processes in one system.
 pub const PROCESSES: usize = 24;
+/// [`ProcessStatus::last_exit`] of a program that the kernel did not start, as shells report it.
+pub const EXIT_NOT_SPAWNED: u32 = 127;
+/// [`ProcessStatus::last_exit`] where the supervisor was not informed: no signal has the number 255.
+pub const EXIT_UNKNOWN: u32 = 511;
 
 crate::sample! {
     /// A short text, UTF-8, padded with zeros.
@@ -202,7 +206,7 @@ crate::sample! {
         pub restarts: u32,
         /// How long the last restart took, from the death to the first active heartbeat (us); 0 = none yet.
         pub recovery_us: u32,
-        /// Exit status of the last death: code, or 256 + signal.
+        /// Exit status of the last death: code (127: it could not be started), 256 + signal, or 511: not known.
         pub last_exit: u32,
         /// State as the supervisor judges it.
         pub state: Coded<ServiceState>,

@@ -1,7 +1,7 @@
 //! Figures of a running system as people and scripts read them.
 
 use jink_shared_types::STAGE_NAMES;
-use jink_shared_types::health::Histogram;
+use jink_shared_types::health::{EXIT_UNKNOWN, Histogram};
 use serde::Serialize;
 
 /// To three decimals: what is measured is not known better, and JSON stays readable.
@@ -82,7 +82,7 @@ impl StageLatency {
 pub fn exit_text(last_exit: u32) -> String {
     match last_exit {
         0..256 => format!("code {last_exit}"),
-        511 => "not known".to_owned(),
+        EXIT_UNKNOWN => "not known".to_owned(),
         signal => format!("signal {}", signal - 256),
     }
 }

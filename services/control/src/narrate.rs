@@ -1,7 +1,9 @@
 //! What happens in a running system, one line per event, for whoever watches it.
 
 use crate::figures::exit_text;
-use jink_shared_types::health::{Health, ProcessStatus, ReplaceReason, ServiceState, SystemStatus};
+use jink_shared_types::health::{
+    EXIT_NOT_SPAWNED, Health, ProcessStatus, ReplaceReason, ServiceState, SystemStatus,
+};
 use jink_shared_types::link::{LINKS, LinkStatus};
 
 /// Remembers what has been reported.
@@ -63,13 +65,10 @@ impl Waits {
     }
 }
 
-/// As which exit status the supervisor reports a program that the kernel did not start, as shells do.
-const NOT_SPAWNED: u32 = 127;
-
 fn report_process(reported: &mut Reported, process: &ProcessStatus, lines: &mut Vec<String>) {
     let name = process.heartbeat.name.as_str();
     let ended = match process.last_exit {
-        NOT_SPAWNED => "could not be started".to_owned(),
+        EXIT_NOT_SPAWNED => "could not be started".to_owned(),
         exit => format!("ended with {}", exit_text(exit)),
     };
     if process.restarts > reported.restarts {
@@ -147,7 +146,7 @@ pub fn health_line(status: &SystemStatus) -> String {
 mod tests {
     use super::{Narrator, Waits, is_standing_by};
     use jink_shared_types::coded::{Coded, Flag};
-    use jink_shared_types::health::{Health, Name, ServiceState, SystemStatus};
+    use jink_shared_types::health::{EXIT_NOT_SPAWNED, Health, Name, ServiceState, SystemStatus};
     use jink_shared_types::link::LinkStatus;
 
     fn status(health: Health, states: &[(&str, ServiceState)]) -> SystemStatus {
@@ -187,6 +186,10 @@ mod tests {
         ];
         assert_eq!(narrator.update(&now), expected);
         assert!(narrator.update(&now).is_empty());
+        now.processes[0].restarts = 2;
+        now.processes[0].last_exit = EXIT_NOT_SPAWNED;
+        let refused = "planner could not be started, started again (restart 2)";
+        assert_eq!(narrator.update(&now), [refused]);
     }
 
     #[test]

@@ -6,7 +6,9 @@ use crate::slowness::Slowness;
 use crate::table::{OnFailure, ProcessRules};
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::{Coded, Flag};
-use jink_shared_types::health::{Heartbeat, Name, ProcessStatus, ReplaceReason, Role, ServiceState};
+use jink_shared_types::health::{
+    EXIT_NOT_SPAWNED, EXIT_UNKNOWN, Heartbeat, Name, ProcessStatus, ReplaceReason, Role, ServiceState,
+};
 use std::fmt;
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
@@ -34,14 +36,13 @@ impl Exit {
         }
     }
 
-    /// As in [`ProcessStatus::last_exit`]; 127 for a program that could not be started, as in shells; 511 (no signal
-    /// has this number) if it is not known.
+    /// As in [`ProcessStatus::last_exit`].
     pub fn code(self) -> u32 {
         match self {
             Self::Code(code) => u32::from(code),
             Self::Signal(signal) => 256 + u32::from(signal),
-            Self::NotSpawned => 127,
-            Self::Unknown => 511,
+            Self::NotSpawned => EXIT_NOT_SPAWNED,
+            Self::Unknown => EXIT_UNKNOWN,
         }
     }
 }

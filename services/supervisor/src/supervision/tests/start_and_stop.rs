@@ -1,7 +1,7 @@
 //! How the system comes up and how it ends.
 
 use super::{CANNOT_START, Child, SimulatedHost, rules};
-use crate::supervision::{Action, End, Observation};
+use crate::supervision::{Action, End, Exit, Observation};
 use crate::table::ProcessRules;
 use jink_shared_types::events;
 use jink_shared_types::health::{Health, ServiceState};
@@ -60,6 +60,10 @@ fn a_start_that_cannot_work_is_not_retried_but_shown() {
     host.die(1, CANNOT_START);
     assert_eq!(host.end, Some(End::CannotStart { process: 1 }));
     assert_eq!(host.signals, [Action::Terminate { process: 0 }]);
+    let mut host = SimulatedHost::new(vec![rules("a")]);
+    host.pass(0.01);
+    host.die(0, Exit::NotSpawned);
+    assert_eq!(host.end, Some(End::CannotStart { process: 0 }));
 }
 
 #[test]
