@@ -8,6 +8,7 @@ pub mod campaign;
 pub mod flights;
 pub mod lockstep;
 pub mod lossy;
+pub mod machine;
 pub mod on_udp;
 pub mod pairing;
 pub mod peers;

@@ -1,7 +1,7 @@
 //! Flights of the real processes in which services are killed, and the supervisor: the goal is reached, nothing is touched, the autopilot
 //! never falls back to Hold nor waits for setpoints, and how a service ended is shown.
 
-use jink_runtime::procfs::CpuTimes;
+use jink_tests::machine::{BUSY_SHARE, Load};
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Flight, System, demo, until};
 use jink_tests::{not_tested, permit};
@@ -51,8 +51,6 @@ fn a_forest_is_crossed_while_the_planner_dies_twice_and_the_supervisor_once() {
 const GAP_MAX_MS: f64 = 100.0;
 /// Flights that are flown until the machine lets one be judged.
 const FLIGHTS: usize = 3;
-/// Share of the processors' time above which a machine is busy with something else than one flight.
-const BUSY_SHARE: f64 = 0.5;
 /// Time taken by the hypervisor in one flight (ms) above which the gap is not that of the services alone.
 const STOLEN_MS: f64 = 100.0;
 
@@ -79,9 +77,9 @@ fn each_service_killed_in_turn_leaves_no_gap_between_setpoints() {
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let mut unjudged = String::new();
     for _ in 0..FLIGHTS {
-        let before = CpuTimes::now().unwrap_or_default().all;
+        let load = Load::begin();
         let flight = demo(&arguments);
-        let after = CpuTimes::now().unwrap_or_default().all;
+        let share = load.share();
         let figures = &flight.figures;
         assert_eq!(figures["outcome"], "goal", "{}", flight.text);
         assert_eq!(figures["collisions"], 0, "{}", flight.text);
@@ -104,7 +102,6 @@ fn each_service_killed_in_turn_leaves_no_gap_between_setpoints() {
         if too_long.is_empty() {
             return;
         }
-        let share = (after.busy - before.busy) as f64 / (after.all - before.all).max(1) as f64;
         let stolen_ms = number(&figures["machine_stolen_ms"]);
         unjudged = format!("{too_long:?} of {allowed_ms:.0} ms, {share:.2} busy, {stolen_ms:.0} ms stolen");
         assert!(

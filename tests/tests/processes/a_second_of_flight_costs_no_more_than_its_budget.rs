@@ -6,6 +6,7 @@ use crate::preload;
 use jink_runtime::{Checks, Instance, Session, now};
 use jink_shared_types::topics;
 use jink_testkit::not_tested;
+use jink_tests::machine::{BUSY_SHARE, Load};
 use jink_tests::processes::{Flight, TempFolder, workspace};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -15,8 +16,8 @@ use std::time::{Duration, Instant};
 
 /// How long is counted.
 const WINDOW: Duration = Duration::from_secs(6);
-/// Windows that are tried until one shows what flying costs: in none of it a service is started again, and no plan is made anew because
-/// a machine that stalled has made everything late. What costs too much does so in all of them.
+/// Windows that are tried while the machine is so busy that services are started again or cost more than they may: beside two busy loops
+/// and a compiler a planner once made 98 requests to the allocator per second, of 72. What costs too much does so in all of them.
 const ATTEMPTS: u32 = 4;
 /// How long a tracer may take to let go.
 const LETS_GO: Duration = Duration::from_secs(5);
@@ -116,6 +117,9 @@ fn count(
         Ok(mut tracers) => {
             std::thread::sleep(WINDOW);
             let calls: Vec<Option<f64>> = tracers.iter_mut().map(Tracer::end).collect();
+            if calls.contains(&None) {
+                not_tested("system calls of a service are not counted: its tracer did not end or say");
+            }
             let seconds = begun.elapsed().as_secs_f64();
             calls
                 .iter()
@@ -169,6 +173,7 @@ fn no_service_costs_more_than_its_budget_in_flight() {
     let mut pid_of = |name: &String| Some(health.get_mut(name)?.latest(now()).fresh()?.sample.pid);
     let mut over = String::new();
     for _ in 0..ATTEMPTS {
+        let load = Load::begin();
         // A machine that stalls has services restarted, which is no cost of theirs.
         let Some((allocated, called)) = count(&budgets, folder.path(), &mut pid_of) else {
             continue;
@@ -178,7 +183,11 @@ fn no_service_costs_more_than_its_budget_in_flight() {
         if too_much.is_empty() {
             return;
         }
-        over = format!("over budget: {}\n{table}", too_much.join(", "));
+        let share = load.share();
+        over = format!("over budget, {share:.2} busy: {}\n{table}", too_much.join(", "));
+        if share < BUSY_SHARE {
+            break;
+        }
     }
     if over.is_empty() {
         not_tested("the machine stalls too often: a service was restarted in every window");
