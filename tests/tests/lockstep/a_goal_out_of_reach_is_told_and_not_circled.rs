@@ -22,8 +22,8 @@ const HEIGHT_MAX_M: f64 = 10.0;
 const MAZE_ROOM_M: f64 = 6.0;
 /// Longest search for a way that is flown here, from the start of the mission (s).
 const TOLD_WITHIN_S: f64 = 400.0;
-/// Time to come to rest (s): it may fly back through a maze to where it has been nearest to the goal.
-const RESTS_WITHIN_S: f64 = 60.0;
+/// Time to come to rest (s): in a maze it flew back for 27 s to where it had been nearest to the goal.
+const RESTS_WITHIN_S: f64 = 40.0;
 /// At rest it moves less than this (m) in as long as that (s).
 const REST_M: f64 = 1.0;
 const REST_S: f64 = 10.0;
