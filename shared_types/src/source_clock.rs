@@ -114,6 +114,11 @@ impl SourceClock {
         Timestamp::from_ns(ns as u64)
     }
 
+    /// Whether the last message contradicts those before it, and too few have agreed with it so far.
+    pub const fn is_contradicted(&self) -> bool {
+        self.contradictions > 0
+    }
+
     /// The stamp of the last message (ns of the source's clock).
     pub const fn last_ns(&self) -> Option<u64> {
         self.last_ns

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | responses to our TIMESYNC requests | offset, shortest round trip, whether both can be trusted |
 //! | time stamps of the autopilot with their time of reception | the same moments as [`Timestamp`]s |
+//! | a moment of the board's clock | the autopilot's clock then, not ahead of the newest stamp and the time since |
 //!
 //! A request leaves at board time `a`, the autopilot notes `p` of its own clock, the sample arrives at board time `b`.
 //! Then `p` happened between `a` and `b`, so the offset (autopilot minus board) is `p - (a + b) / 2` with an error of
@@ -38,6 +39,8 @@ const RATE_ERROR_MAX: f64 = 0.2;
 const NEEDED: u32 = 20;
 /// How much longer than the shortest a round trip may be to count in the mean (ns).
 const RTT_SLACK_NS: u64 = 500_000;
+/// After so long (ns) a counter of milliseconds begins anew.
+const WRAP_NS: i64 = 1_000_000 << 32;
 /// By how much a sample may contradict the estimate beyond its own error bound (ns) before it is an outlier.
 const OUTLIER_NS: u64 = 10_000_000;
 /// Outliers in a row after which the autopilot's clock has jumped (half a second at 10 Hz): start again.
@@ -48,6 +51,9 @@ const LONGEST_RTT_NS: u64 = 1_000_000_000;
 const PENDING: usize = 16;
 /// No message is older than this when it arrives (s); a stamp that claims so is wrong.
 const OLDEST_S: f64 = 1.0;
+/// By how much the autopilot's clock can have stood still (ns): a simulated one on a busy machine lost 85 ms. A stamp that is farther behind
+/// the estimate was held back on its way.
+const STOOD_STILL_NS: i64 = 200_000_000;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct TimesyncSample {
@@ -86,6 +92,8 @@ pub struct ClockMap {
     outliers: u32,
     estimate: Estimate,
     reception: SourceClock,
+    /// The newest stamp that contradicts nothing (ns), and when it arrived.
+    newest: Option<(u64, Timestamp)>,
     /// By how much the autopilot's clock was set ahead (s), until that is reported.
     step_s: Option<f64>,
 }
@@ -101,6 +109,7 @@ impl Default for ClockMap {
             outliers: 0,
             estimate: Estimate::default(),
             reception: SourceClock::default(),
+            newest: None,
             step_s: None,
         }
     }
@@ -271,6 +280,23 @@ impl ClockMap {
         bounded(received.plus_seconds(-(behind_ns as f64) * 1e-9), received)
     }
 
+    /// The autopilot's clock (ns) at `at`, before `now`. What it has shown for certain by now is its newest stamp and the time since that
+    /// arrived; what is later than that may lie in its future. `None` before the first stamp.
+    pub fn to_autopilot_ns(&self, now: Timestamp, at: Timestamp) -> Option<u64> {
+        let (stamp_ns, arrived) = self.newest?;
+        let since_ns = |time: Timestamp| nanoseconds(now) - nanoseconds(time);
+        let shown_ns = i64::try_from(stamp_ns).ok()?.checked_add(since_ns(arrived))?;
+        let estimated_ns = if self.is_converged() {
+            self.autopilot_ns(at)
+        } else {
+            shown_ns + since_ns(self.reception.map(stamp_ns)) - since_ns(arrived) - since_ns(at)
+        };
+        // Stamps in milliseconds wrap.
+        let ahead_ns =
+            (estimated_ns.saturating_sub(shown_ns) + WRAP_NS / 2).rem_euclid(WRAP_NS) - WRAP_NS / 2;
+        u64::try_from(estimated_ns - ahead_ns.clamp(0, STOOD_STILL_NS)).ok()
+    }
+
     fn autopilot_ns(&self, at: Timestamp) -> i64 {
         i64::try_from(at.ns)
             .unwrap_or(i64::MAX)
@@ -281,6 +307,9 @@ impl ClockMap {
     /// round trips tell it apart.
     fn observe(&mut self, stamp_ns: u64, received: Timestamp) {
         let step = self.reception.observe(stamp_ns, received);
+        if !self.reception.is_contradicted() {
+            self.newest = Some((stamp_ns, received));
+        }
         if let Some(step) = step.filter(|step| step.is_certain) {
             self.clock_was_set(step.ahead_s);
         }
@@ -428,6 +457,35 @@ mod tests {
             }
         }
 
+        /// Stamps and round trips with delays in both directions, and a clock that stands still once, as that of a simulated autopilot on a busy
+        /// machine.
+        #[test]
+        fn no_moment_of_the_boards_past_lies_in_the_autopilots_future(
+            offset_ns in 0i64..1_000_000_000_000, answered in any::<bool>(),
+            delays_us in proptest::collection::vec((0u64..15_000, 0u64..15_000), 30..300),
+            stands in (0usize..300, 0i64..190_000_000),
+        ) {
+            let mut map = ClockMap::default();
+            for (i, (there_us, back_us)) in delays_us.into_iter().enumerate() {
+                let stood_still_ns = if i < stands.0 { 0 } else { stands.1 };
+                let clock_ns = |at: Timestamp| at.ns as i64 + offset_ns - stood_still_ns;
+                let begun = time(i).plus_seconds(stood_still_ns as f64 * 1e-9);
+                if answered && i % 5 == 0 {
+                    exchange(&mut map, begun, offset_ns - stood_still_ns, there_us, back_us);
+                }
+                let sent = begun.plus_seconds(0.05);
+                let received = Timestamp::from_ns(sent.ns + back_us * 1000);
+                map.map_us(clock_ns(sent).unsigned_abs() / 1000, received);
+                for later_s in [0.0, 0.01, 0.04] {
+                    let now = received.plus_seconds(later_s);
+                    let named_ns = map.to_autopilot_ns(now, now.plus_seconds(-0.01)).unwrap() as i64;
+                    prop_assert!(named_ns <= clock_ns(now), "{} ns ahead", named_ns - clock_ns(now));
+                    let behind_ns = clock_ns(now) - named_ns;
+                    prop_assert!(behind_ns < 45_000_000 + stood_still_ns, "{behind_ns} ns behind");
+                }
+            }
+        }
+
         #[test]
         fn before_convergence_the_least_delayed_message_maps_to_its_reception(
             boot_ms in 0u32..1_000_000, delays_us in proptest::collection::vec(0u64..50_000, 2..40),
@@ -560,7 +618,17 @@ mod tests {
             exchange(&mut map, time(i), offset_ns, 200, 200);
         }
         let before = map.map_ms(u32::MAX - 9, time(30).plus_seconds(0.005));
-        let after = map.map_ms(10, time(30).plus_seconds(0.015));
+        let received = time(30).plus_seconds(0.015);
+        let after = map.map_ms(10, received);
         assert!((after.seconds_since(before) - 0.020).abs() < 2e-3);
+        // A gateway that starts after it has wrapped.
+        let mut map = ClockMap::default();
+        for i in 0..30 {
+            exchange(&mut map, time(i), wrap_ns, 200, 200);
+            map.map_ms((time(i).ns / 1_000_000) as u32, time(i));
+        }
+        let now = time(29).plus_seconds(0.02);
+        let named_ns = map.to_autopilot_ns(now, now.plus_seconds(-0.01)).unwrap();
+        assert!(named_ns.abs_diff(now.ns + wrap_ns as u64 - 10_000_000) < 1_000_000);
     }
 }

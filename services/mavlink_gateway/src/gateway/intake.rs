@@ -12,7 +12,6 @@ use crate::note::Note;
 use crate::ranges::Arrived;
 use crate::vehicle::AttitudeNews;
 use jink_mavlink_link::clock_map::ClockMap;
-use jink_mavlink_link::clock_map::nanoseconds;
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
 use jink_mavlink_link::vehicle_selector::{is_autopilot, is_from_autopilot};
 use jink_shared_types::Timestamp;
@@ -155,7 +154,8 @@ impl Gateway {
         }
     }
 
-    /// A request (`tc1 == 0`) is answered with our clock and its own time stamp; an answer to us goes to the clock map.
+    /// A request (`tc1 == 0`) is answered in the autopilot's own clock, in which it is sent stamps: what it then takes for the difference
+    /// of the clocks is half a round trip, also after one of them has stood still. An answer to us goes to the clock map.
     fn take_timesync(
         &mut self,
         now: Timestamp,
@@ -179,7 +179,7 @@ impl Gateway {
             return;
         }
         let answer = MavMessage::TIMESYNC(TIMESYNC_DATA {
-            tc1: nanoseconds(received.time),
+            tc1: sync.ts1,
             ts1: sync.ts1,
             target_system: received.header.system_id as u8,
             target_component: received.header.component_id,

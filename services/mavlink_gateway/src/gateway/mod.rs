@@ -451,6 +451,7 @@ impl Gateway {
             in_air: self.vehicle.has_taken_off(),
             is_flown: self.profile.listens(mode) || is_about_to,
             position_gain_per_s: self.params().get(&MPC_XY_P),
+            clock: &self.clock,
             desired: self
                 .desired
                 .as_ref()

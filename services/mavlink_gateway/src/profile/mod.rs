@@ -11,6 +11,7 @@ use position_target::PositionTarget;
 use px4_trajectory::Px4Trajectory;
 
 use crate::vehicle::Present;
+use jink_mavlink_link::clock_map::ClockMap;
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
@@ -37,6 +38,8 @@ pub struct Situation<'a> {
     pub position_gain_per_s: f64,
     /// A radio carries what is sent: what says nothing new waits for the beat of the stream.
     pub spares_radio: bool,
+    /// The autopilot's clock.
+    pub clock: &'a ClockMap,
     /// What the autopilot wants, if that was asked for in the mode in force by an autopilot that is alive.
     pub desired: Option<&'a DesiredPath>,
     /// What the guard lets through.

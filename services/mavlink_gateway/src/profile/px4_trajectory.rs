@@ -2,7 +2,7 @@
 //!
 //! | field of BEZIER | value | why |
 //! |---|---|---|
-//! | `time_usec` | board clock, 10 ms ago | the clock in which TIMESYNC is answered; a start in the autopilot's future is refused, so the error of the synchronisation is given away |
+//! | `time_usec` | autopilot's clock, 10 ms ago, and not ahead of its newest stamp and the time since | the clock in which TIMESYNC is answered; a start in the autopilot's future is refused, so the error of the synchronisation is given away |
 //! | `valid_points` | 5 | a quartic; no field is left unused |
 //! | `pos_*`, `pos_yaw` | control points, always finite | a NaN would be evaluated to NaN and flown |
 //! | `delta` | duration in the last point, 0 in the others | PX4 reads only the last; NaN there would mean "without velocity" |
@@ -52,8 +52,10 @@ impl Px4Trajectory {
     }
 
     fn curve(&mut self, situation: &Situation<'_>) -> Option<(MavMessage, Decision)> {
-        let decision = self.pilot.decide(situation, back_dated(situation.now))?;
-        Some((curve_message(&decision.curve), decision))
+        let start = situation.now.plus_seconds(-BACK_DATING_S);
+        let start_ns = situation.clock.to_autopilot_ns(situation.now, start)?;
+        let decision = self.pilot.decide(situation, start)?;
+        Some((curve_message(&decision.curve, start_ns / 1000), decision))
     }
 
     fn waypoint(&mut self, situation: &Situation<'_>) -> Option<(MavMessage, Decision)> {
@@ -106,17 +108,13 @@ impl Profile for Px4Trajectory {
     }
 }
 
-/// The start of a curve that is sent at `now`: a whole microsecond, because that is what the message can say.
-fn back_dated(now: Timestamp) -> Timestamp {
-    Timestamp::from_ns(now.plus_seconds(-BACK_DATING_S).ns / 1000 * 1000)
-}
-
+/// A curve that starts when the autopilot's clock shows `time_usec`.
 #[allow(deprecated)]
-fn curve_message(curve: &Curve) -> MavMessage {
+fn curve_message(curve: &Curve, time_usec: u64) -> MavMessage {
     let mut delta = [0.0; CONTROL_POINTS];
     delta[CONTROL_POINTS - 1] = curve.duration_s as f32;
     MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(TRAJECTORY_REPRESENTATION_BEZIER_DATA {
-        time_usec: curve.start.ns / 1000,
+        time_usec,
         pos_x: curve.position.map(|p| p.x as f32),
         pos_y: curve.position.map(|p| p.y as f32),
         pos_z: curve.position.map(|p| p.z as f32),

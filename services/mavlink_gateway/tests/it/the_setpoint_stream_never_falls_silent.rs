@@ -223,9 +223,8 @@ proptest! {
         let last_s = curves.last().map_or(f64::INFINITY, |(time, _)| bench.now.seconds_since(*time));
         let age_s = bench.now.seconds_since(at(0.0));
         prop_assert!(last_s <= 1.5 * PERIOD_S || age_s < 0.25, "silent for the last {last_s} s");
-        for (time, curve) in &curves {
+        for (_, curve) in &curves {
             prop_assert_eq!(curve.valid_points, 5);
-            prop_assert!(curve.time_usec <= time.ns / 1000);
             prop_assert!(curve.delta[4].is_finite() && curve.delta[4] >= 0.3);
             prop_assert!(control_points(curve).iter().all(|p| p.iter().all(|c| c.is_finite())));
             prop_assert!(curve.pos_yaw.iter().all(|yaw| yaw.is_finite()));

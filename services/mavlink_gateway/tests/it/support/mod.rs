@@ -260,12 +260,20 @@ impl Bench {
             let frame = self.splitter.next_frame().expect("a frame of ours is intact");
             assert_eq!(frame.header.system_id, u32::from(SYSTEM));
             match frame.decode() {
-                Ok(message) => self.sent.push(Sent {
-                    time: self.now,
-                    component_id: frame.header.component_id,
-                    message,
-                    to: outgoing.to,
-                }),
+                Ok(mut message) => {
+                    if let MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(curve) = &mut message {
+                        // In the board's clock, as all else here.
+                        let began_us = 1000 * u64::from(self.boot_ms_at_zero);
+                        curve.time_usec =
+                            (at(0.0).ns / 1000).wrapping_add(curve.time_usec.wrapping_sub(began_us));
+                    }
+                    self.sent.push(Sent {
+                        time: self.now,
+                        component_id: frame.header.component_id,
+                        message,
+                        to: outgoing.to,
+                    });
+                }
                 // The answer to a command that the dialect does not know.
                 Err(error) => assert_eq!(frame.message_id, COMMAND_ACK_DATA::ID, "{error}"),
             }

@@ -25,7 +25,7 @@ impl Story {
             setpoints += usize::from(is_setpoint);
             match (&sent.body, frame.decode()) {
                 (_, Ok(message)) => {
-                    judge_setpoint(&self.config, self.now, is_setpoint, &message);
+                    judge_setpoint(&self.config, is_setpoint, &message);
                     if matches!(
                         message,
                         MavMessage::MISSION_REQUEST_LIST(_) | MavMessage::MISSION_REQUEST_INT(_)
