@@ -19,7 +19,7 @@ pub struct Luna {
 
 impl Luna {
     /// Plugged in under `path`; what it says of its `i`th measurement is `distance_cm(i)`.
-    pub fn plug_in(path: &Path, distance_cm: fn(u16) -> u16) -> Self {
+    pub fn plug_in(path: &Path, distance_cm: impl Fn(u16) -> u16 + Send + 'static) -> Self {
         let control = plug_in(path);
         // A write to a line that nobody reads must not keep the test from its end.
         rustix::fs::fcntl_setfl(&control, rustix::fs::OFlags::NONBLOCK).unwrap();
