@@ -26,8 +26,8 @@ use std::time::{Duration, Instant};
 const KILLS: u64 = 8;
 /// From one kill to the next at least: a process that dies eight times within ten seconds is given up.
 const BETWEEN_KILLS: Duration = Duration::from_millis(1400);
-/// PX4 flies on without setpoints after half a second (ms).
-const PX4_PATIENCE_MS: f64 = 500.0;
+/// PX4 flies on without setpoints after half a second (s).
+const PX4_PATIENCE_S: f64 = 0.5;
 const STATION: (u8, u8) = (255, 190);
 const SYSTEM: u8 = 1;
 
@@ -229,15 +229,16 @@ fn however_often_the_ground_services_are_killed_under_it() {
     assert_eq!(gateway["restarts"], 0, "{gateway}");
     assert_eq!(jink.truth_number("collisions"), Some(0.0), "{}", jink.truth());
     assert_eq!(jink.truth_number("hold_count"), Some(0.0), "{}", jink.truth());
-    let gap_ms = jink.status()["link"]["setpoint_gap_max_ms"].as_f64().unwrap();
+    // On the autopilot's clock, which stands still with the machine.
+    let gap_s = jink.truth_number("setpoint_gap_max_s").unwrap();
     let missions = storm.answered(COMPONENT_AUTOPILOT, MISSION_COUNT_DATA::ID);
     let files = storm.answered(COMPONENT_AVOIDANCE, FILE_TRANSFER_PROTOCOL_DATA::ID);
     let (values, acknowledged) = (answers(), acks());
     let asked = storm.end();
     println!(
         "{kills} kills under {asked} questions: {values} PARAM_VALUE, {acknowledged} COMMAND_ACK, {files} FILE_TRANSFER_PROTOCOL, \
-         {missions} MISSION_COUNT; largest gap between setpoints {gap_ms} ms"
+         {missions} MISSION_COUNT; largest gap between setpoints {gap_s} s"
     );
     assert!(missions > 0 && files > 0, "{missions} {files}");
-    assert!(gap_ms < PX4_PATIENCE_MS, "silent for {gap_ms} ms");
+    assert!(gap_s < PX4_PATIENCE_S, "silent for {gap_s} s");
 }

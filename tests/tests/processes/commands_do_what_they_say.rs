@@ -382,6 +382,10 @@ fn what_root_asks_of_another_users_instance_leaves_nothing_behind() {
         return;
     }
     let up = answer(&mut of_nobody(&up));
+    // By him: what others leave behind is looked at below.
+    until("good health", || {
+        answer(&mut of_nobody(&["status"])).code == Some(0)
+    });
     let asked = [
         &["status"][..],
         &["top", "--once"],
