@@ -78,6 +78,8 @@ class CompanionJudge:
         self.times = {}
         self.max_gap_s = 0.0
         self.requests = {}
+        # An instant of the autopilot's clock and when it was heard, ns.
+        self.autopilot_clock = None
         self.answers = 0
         self.states = Counter()
         self.last_curve_s = None
@@ -87,6 +89,7 @@ class CompanionJudge:
     def note_request(self, message):
         if message.get_type() == "TIMESYNC" and message.tc1 == 0:
             self.requests[message.ts1] = time.monotonic_ns()
+            self.autopilot_clock = (message.ts1, time.monotonic_ns())
 
     def judge(self, message, now):
         kind = message.get_type()
@@ -113,9 +116,10 @@ class CompanionJudge:
         self.faults.check(asked is not None, f"timesync: answer to a request nobody made ({message.ts1})")
         if asked is not None:
             self.answers += 1
-            own_ns = time.monotonic_ns()
-            between = asked <= message.tc1 <= own_ns
-            self.faults.check(between, f"timesync: clock {message.tc1} outside {asked}..{own_ns}")
+            # The companion's clock is the autopilot's own, as it was while the request was under way.
+            latest = message.ts1 + time.monotonic_ns() - asked
+            between = message.ts1 <= message.tc1 <= latest
+            self.faults.check(between, f"timesync: clock {message.tc1} outside {message.ts1}..{latest}")
 
     def trajectory_representation_bezier(self, m, now):
         self.note_setpoint(now)
@@ -131,7 +135,11 @@ class CompanionJudge:
         last = m.delta[n - 1]
         self.faults.check(finite(last) and 0.1 < last < 10.0, f"bezier: duration {last}")
         # The clock that TIMESYNC is answered with.
-        age_s = time.monotonic() - m.time_usec * 1e-6
+        self.faults.check(self.autopilot_clock is not None, "bezier: before the autopilot's clock was heard")
+        if self.autopilot_clock is None:
+            return
+        at_ns, heard_ns = self.autopilot_clock
+        age_s = (at_ns + time.monotonic_ns() - heard_ns) * 1e-9 - m.time_usec * 1e-6
         self.faults.check(age_s >= 0.0, f"bezier: starts {-age_s:.3f} s in the future")
         self.faults.check(age_s < last, f"bezier: over {age_s - last:.3f} s before it arrived")
         speed = max(
