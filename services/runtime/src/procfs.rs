@@ -14,6 +14,10 @@
 
 /// Ticks of a second (USER_HZ): the same on every architecture that jink runs on.
 const TICKS_PER_S: f64 = 100.0;
+/// The flag of a process whose exit has begun (the kernel's linux/sched.h).
+const PF_EXITING: u64 = 0x4;
+/// SIGKILL among signals as bits: the first one is the lowest.
+const SIGKILL_PENDING: u64 = 1 << 8;
 
 /// Empty if it is not there.
 fn text(file: &str) -> String {
@@ -172,6 +176,8 @@ pub struct ProcessStat {
     pub core: usize,
     /// Its priority under SCHED_FIFO or SCHED_RR; 0 under ordinary scheduling.
     pub fifo_priority: u8,
+    /// A SIGKILL is on its way, or its exit has begun: nothing of its program runs any more.
+    pub is_ending: bool,
 }
 
 impl ProcessStat {
@@ -180,21 +186,21 @@ impl ProcessStat {
         Self::of(&text(&format!("/proc/{pid}/stat")))
     }
 
-    /// Out of the text of the file: behind the name in parentheses, which may contain anything, the state is the first field, user and
-    /// system time are the 12th and 13th, the core is the 37th, the real-time priority comes behind that.
+    /// Out of the text of the file: behind the name in parentheses, which may contain anything, the state is the first field, the
+    /// kernel's flags are the 7th, user and system time the 12th and 13th, the signals on their way the 29th, the core is the 37th, the
+    /// real-time priority comes behind that.
     pub fn of(stat: &str) -> Option<Self> {
         let (_, fields) = stat.rsplit_once(") ")?;
-        let mut fields = fields.split_whitespace();
-        let state = fields.next()?.chars().next()?;
-        let mut ticks = |skipped: usize| fields.nth(skipped)?.parse::<f64>().ok();
-        let cpu_s = (ticks(10)? + ticks(0)?) / TICKS_PER_S;
-        let core = fields.nth(23)?.parse().ok()?;
-        let fifo_priority = fields.next()?.parse().ok()?;
+        let fields: Vec<&str> = fields.split_whitespace().collect();
+        let field = |number: usize| fields.get(number - 1).copied();
+        let bits = |number: usize| field(number)?.parse::<u64>().ok();
+        let ticks = |number: usize| field(number)?.parse::<f64>().ok();
         Some(Self {
-            state,
-            cpu_s,
-            core,
-            fifo_priority,
+            state: field(1)?.chars().next()?,
+            cpu_s: (ticks(12)? + ticks(13)?) / TICKS_PER_S,
+            core: field(37)?.parse().ok()?,
+            fifo_priority: field(38)?.parse().ok()?,
+            is_ending: bits(7)? & PF_EXITING > 0 || bits(29)? & SIGKILL_PENDING > 0,
         })
     }
 }
@@ -303,6 +309,7 @@ mod tests {
                 cpu_s: 0.42,
                 core: 3,
                 fifo_priority: 7,
+                is_ending: false,
             };
             assert_eq!(ProcessStat::of(&format!("7 ({name}) S {rest}")), Some(seen));
             let status = "voluntary_ctxt_switches:\t40\nnonvoluntary_ctxt_switches:\t2\n";
@@ -317,6 +324,24 @@ mod tests {
                 Some(disturbed)
             );
         }
+    }
+
+    #[test]
+    fn whoever_was_killed_is_ending_reaped_or_not() {
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let stat = || ProcessStat::now(child.id()).unwrap();
+        assert!(!stat().is_ending);
+        rustix::process::kill_process(
+            rustix::process::Pid::from_child(&child),
+            rustix::process::Signal::KILL,
+        )
+        .unwrap();
+        assert!(stat().is_ending, "the signal is on its way");
+        while stat().state != 'Z' {
+            std::thread::yield_now();
+        }
+        assert!(stat().is_ending);
+        child.wait().unwrap();
     }
 
     #[test]

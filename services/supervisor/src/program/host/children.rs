@@ -308,17 +308,30 @@ impl Children {
     /// What process `index` is doing, as the kernel reports it.
     pub fn inspect(&mut self, index: usize) -> Option<Observation> {
         let slot = self.slots.get(index)?;
+        let pid = slot.running.as_ref()?.pid;
         let ProcessStat {
-            state, cpu_s, core, ..
-        } = ProcessStat::now(slot.running.as_ref()?.pid)?;
-        let activity = activity_of(state);
-        let core_runs = self.cores.runs(core, jink_runtime::now());
+            state,
+            cpu_s,
+            core,
+            is_ending,
+            ..
+        } = ProcessStat::now(pid)?;
+        if is_ending {
+            hasten(pid);
+        }
+        // One that ends does not hang: its end is waited for.
+        let activity = match is_ending {
+            true => ProcessActivity::Runnable,
+            false => activity_of(state),
+        };
+        let core_runs = self.cores.runs(core, jink_runtime::now()) && !is_ending;
         tracing::debug!(
             process = slot.row.rules.name,
             doing = ?activity,
             cpu_s,
             core,
             core_runs,
+            is_ending,
             "silent"
         );
         Some(Observation::Inspected {
@@ -415,6 +428,18 @@ fn start(mut command: Command, log: &mut LogFile) -> io::Result<Running> {
         handle,
         ahead_until: None,
     })
+}
+
+/// Puts a process that ends ahead of ordinary programs, as one that starts is: each of its threads needs a processor for that, and
+/// nobody takes over before.
+fn hasten(pid: u32) {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task"));
+    for thread in threads.into_iter().flatten().flatten() {
+        if let Some(thread) = thread.file_name().to_str().and_then(|id| id.parse().ok()) {
+            // It may have ended meanwhile; where this is refused it ends like any other program.
+            let _ = schedule(thread, Scheduling::FifoItself(STARTING_PRIORITY));
+        }
+    }
 }
 
 /// Whether the process behind a handle has ended.
