@@ -5,7 +5,7 @@
 //! | [`places`], [`beside`] | finds programs and configuration, becomes another program |
 //! | [`supervisor`], [`running`] | starts an instance; whether one runs, and stopping it |
 //! | [`request`] | asks its supervisor for a swap, a restart, a stop |
-//! | [`watch`], [`meter`], [`members`] | reads its topics |
+//! | [`watch`], [`meter`] | reads its topics |
 //! | [`narrate`], [`known_space`], [`figures`] | says what it does in words and figures |
 //! | [`findings`] | verdict and table of an examination, or JSON |
 //! | [`worlds`], [`autopilot`], [`ports`] | virtual worlds and simulated autopilots, as values laid over the configuration |
@@ -39,7 +39,6 @@ pub mod figures;
 pub mod findings;
 mod interrupt;
 pub mod known_space;
-pub mod members;
 pub mod meter;
 pub mod narrate;
 pub mod places;

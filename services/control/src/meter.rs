@@ -42,7 +42,7 @@ impl Meter {
 
     /// Listens to a topic that the configuration declares; `None` as long as nobody else uses it.
     pub fn open_declared(session: &Session, row: &TopicRow) -> Result<Option<Self>, Problem> {
-        let Some(mut input) = session.raw_input(row)? else {
+        let Some(mut input) = session.raw_input(row, row.name)? else {
             return Ok(None);
         };
         Ok(Some(Self {

@@ -50,6 +50,7 @@
 //! | `param_store` | changed parameters that outlive the process that changed them |
 //! | `ranges` | the range topics of all configured sensors |
 //! | [`device`] | drivers: who reads a device, when the others run, what no driver does differently |
+//! | [`members`] | who the members of the families of topics are |
 //! | [`cleanup`] | what the dead left behind |
 //! | [`room`] | what topics take of shared memory, what there is, and taking it before the flight |
 //! | [`request`] | what can be asked of a running supervisor |
@@ -59,17 +60,20 @@
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`descriptors`] | room for open files, made before there are threads |
 //! | [`logging`] | `tracing` for people and for journals |
+//! | [`file_series`] | files of one kind in a folder, limited together |
 
 pub mod cleanup;
 mod clock;
 pub mod descriptors;
 pub mod device;
 mod events;
+pub mod file_series;
 pub mod heartbeat;
 mod input;
 mod instance;
 pub mod lockstep;
 pub mod logging;
+pub mod members;
 mod open_error;
 mod output;
 mod ownership;

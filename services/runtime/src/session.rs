@@ -99,19 +99,19 @@ impl Session {
         Ok(Topic::of_row(*row))
     }
 
-    /// Opens a topic for reading whose payload this program does not know: what it gets is bytes. `None` as long as nobody
+    /// Opens the topic `name` of a row for reading whose payload this program does not know: what it gets is bytes. `None` as long as nobody
     /// else has opened it.
     ///
     /// # Errors
     /// See [`OpenError`].
-    pub fn raw_input(&self, row: &TopicRow) -> Result<Option<RawInput>, OpenError> {
+    pub fn raw_input(&self, row: &TopicRow, name: &str) -> Result<Option<RawInput>, OpenError> {
         self.check(
             row,
-            row.may_read(&self.program) || self.grants.may_read(row.name),
+            row.may_read(&self.program) || self.grants.may_read(name),
             "read",
         )?;
         match &self.transport {
-            Transport::Shared(connection) => connection.raw_subscriber(row, row.name),
+            Transport::Shared(connection) => connection.raw_subscriber(row, name),
             Transport::Local(_) => Ok(None),
         }
     }

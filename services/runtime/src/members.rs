@@ -1,8 +1,9 @@
 //! Who the members of the families of topics are: sensors and processes.
 
-use jink_runtime::Instance;
-use jink_runtime::config::{Config, SensorOutput, process_names};
+use crate::Instance;
+use crate::config::{Config, SensorOutput, process_names};
 use jink_shared_types::topics::{HEALTH, RANGE_CLOUD, RANGE_SCAN, TopicRow};
+use std::path::Path;
 
 /// Who the members of the families are.
 #[derive(Clone, Debug, Default)]
@@ -18,10 +19,14 @@ pub struct Members {
 impl Members {
     /// Who they are in a running `instance`.
     pub fn of_instance(instance: &Instance) -> Self {
-        let folder = instance.run_config();
-        let mut processes = process_names(&folder);
+        Self::of_config(&instance.run_config())
+    }
+
+    /// Who they are with the configuration in `folder`.
+    pub fn of_config(folder: &Path) -> Self {
+        let mut processes = process_names(folder);
         processes.push("supervisor".to_owned());
-        let sensors = Config::load(&folder)
+        let sensors = Config::load(folder)
             .map(|config| config.sensors)
             .unwrap_or_default();
         let of = |output: SensorOutput| {
@@ -32,6 +37,14 @@ impl Members {
             clouds: of(SensorOutput::Cloud),
             scans: of(SensorOutput::Scan),
             processes,
+        }
+    }
+
+    /// The names of all topics of a row.
+    pub fn topics(&self, row: &TopicRow) -> Vec<String> {
+        match row.is_family() {
+            true => self.of(row).iter().map(|member| row.topic_name(member)).collect(),
+            false => vec![row.name.to_owned()],
         }
     }
 
