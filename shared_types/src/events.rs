@@ -360,6 +360,10 @@ events! {
     RESUMED = 127, Info, Answer, "jink: flying on", "None.";
     /// The autopilot lands, and below the vehicle is no level ground: a box, a bush, a post, the edge of a roof. Only what is seen counts.
     PLACE_NOT_FREE = 128, Warning, Answer, "jink: place to land is not free", "Hold, and land elsewhere.";
+    /// The disk of the recordings is full, gone or cannot be written; it is tried again and again.
+    RECORDING_STOPPED = 129, Warning, Until(RECORDING_AGAIN), "jink: nothing is recorded", "Look at the disk of the recordings; the flight goes on.";
+    /// Recordings are written again.
+    RECORDING_AGAIN = 130, Notice, End, "jink: recording again", "None.";
 }
 
 /// The event with identity `id`.

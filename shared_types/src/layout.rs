@@ -38,6 +38,20 @@ pub fn bytes_of<T: Layout>(sample: &T) -> &[u8] {
     unsafe { std::slice::from_raw_parts(std::ptr::from_ref(sample).cast::<u8>(), size_of::<T>()) }
 }
 
+/// A sample whose memory held `bytes`; what they lack at its end is zero.
+pub fn from_bytes<T: Layout>(bytes: &[u8]) -> Box<T> {
+    let used = bytes.len().min(size_of::<T>());
+    let mut sample = Box::<T>::new_uninit();
+    let memory = sample.as_mut_ptr().cast::<u8>();
+    // SAFETY: `memory` has room for `size_of::<T>()` bytes and is nobody else's, all of them are written, and every bit pattern of a
+    // `Layout` is a valid value.
+    unsafe {
+        memory.write_bytes(0, size_of::<T>());
+        memory.copy_from_nonoverlapping(bytes.as_ptr(), used);
+        sample.assume_init()
+    }
+}
+
 // SAFETY: an array of such elements adds neither padding nor invalid patterns.
 unsafe impl<T: Layout, const N: usize> Layout for [T; N] {
     const SHAPE: Shape = Shape::Array {

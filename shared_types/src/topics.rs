@@ -34,6 +34,8 @@ pub const MAX_PUBLISHERS: usize = 3;
 /// The command line: it may read every topic, and only looks on. It never takes a place that a service may need
 /// ([`TopicRow::spectators`]).
 pub const SPECTATOR: &str = "cli";
+/// The recorder: a spectator, too.
+const RECORDER: &str = "recorder";
 /// The same of a topic on which every process publishes.
 const MAX_PUBLISHERS_SHARED: usize = 40;
 /// Readers besides the programs of the row: a recorder, command line tools, and a program that has died and is not cleaned up yet.
@@ -78,7 +80,7 @@ pub struct TopicRow {
     pub deadline_ms: f64,
     /// Samples a reader can fall behind before the oldest is dropped.
     pub buffer: usize,
-    /// Recorders keep it.
+    /// The recorder keeps it.
     pub logged: bool,
     /// Its samples start cycles of readers that ask for that; each such topic costs every start of its users an event
     /// service more.
@@ -190,7 +192,9 @@ impl TopicRow {
 
     /// Whether `program` may read the topic.
     pub fn may_read(&self, program: &str) -> bool {
-        program == SPECTATOR || self.consumers.iter().any(|name| *name == "*" || *name == program)
+        program == SPECTATOR
+            || program == RECORDER
+            || self.consumers.iter().any(|name| *name == "*" || *name == program)
     }
 }
 
@@ -390,7 +394,7 @@ topics! {
     /// Ground truth, in simulations only. The sensor rendering uses it where the vehicle is simulated, too.
     SIM_TRUTH: SimTruth = "sim/truth",
         from ["simulator"], to ["simulator"],
-        250.0 Hz, stale after 200.0 ms, buffer 8, logged true, wakes true;
+        250.0 Hz, stale after 200.0 ms, buffer 32, logged true, wakes true;
 }
 
 #[cfg(test)]

@@ -160,7 +160,9 @@ impl Board {
         let config = Config::load(&instance.run_config()).map_err(|error| error.to_string())?;
         let table = ProcessTable::parse(Path::new(PROCESS_FILE), table).map_err(|error| error.to_string())?;
         let rows = table.rows.into_iter();
-        let rows = rows.filter(|row| row.when.includes(Mode::SimulatedVehicle) && row.per_sensor.is_none());
+        // Nothing is recorded.
+        let flies = |row: &ProcessRow| row.when.includes(Mode::SimulatedVehicle, &Config::default());
+        let rows = rows.filter(|row| flies(row) && row.per_sensor.is_none());
         let places: Vec<Place> = rows
             .map(|row| Place {
                 row,

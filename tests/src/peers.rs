@@ -77,6 +77,13 @@ pub const MAVPROXY: Kit = Kit {
     ],
 };
 
+/// MCAP in Python, as its makers publish it.
+pub const MCAP: Kit = Kit {
+    folder: "python_mcap",
+    proof: "import mcap, lz4",
+    installs: &["mcap==1.6.0"],
+};
+
 /// The Python of `kit`, made at the first call; `Err` = why there is none.
 ///
 /// # Errors

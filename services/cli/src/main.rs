@@ -47,6 +47,8 @@ enum Command {
     Check(cmd::check::Args),
     /// Look into recordings of lidars
     Lidar(cmd::lidar::Args),
+    /// Look into recordings of flights: list them, what they hold, tables for other programs
+    Recording(cmd::recording::Args),
     /// Let another binary take the place of a service in flight
     Swap(cmd::ask::SwapArgs),
     /// Replace a service by a fresh instance of itself
@@ -75,7 +77,10 @@ const GROUPS: [(&str, &[&str]); 6] = [
         "Fly (`jink demo` is the first to try, and needs nothing else)",
         &["demo", "up", "down", "instances"],
     ),
-    ("Look", &["status", "top", "log", "ring", "topic", "schema"]),
+    (
+        "Look",
+        &["status", "top", "log", "ring", "topic", "schema", "recording"],
+    ),
     ("Change", &["param", "swap", "restart", "stop"]),
     ("Check before the flight", &["check"]),
     ("Simulate", &["world", "chaos", "campaign", "approach"]),
@@ -128,6 +133,7 @@ fn main() -> ExitCode {
         Command::Param(args) => cmd::param::run(&cli.instance, &args),
         Command::Check(args) => cmd::check::run(&cli.instance, &args),
         Command::Lidar(args) => cmd::lidar::run(&args),
+        Command::Recording(args) => cmd::recording::run(&cli.instance, &args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),

@@ -37,6 +37,10 @@ const LOG_MAX_MB: u32 = 200;
 /// And at least (MB): the logs of one run, each limited for itself.
 const LOG_LEAST_MB: u32 = 20;
 
+/// What recordings may take unless the configuration says otherwise (MB): an hour and a half of flights without clouds.
+const RECORDINGS_MAX_MB: u32 = 2000;
+/// The least that they may (MB): one file has a quarter of it.
+const RECORDINGS_LEAST_MB: u32 = 40;
 /// Name of the process table in the same folder.
 pub const PROCESS_FILE: &str = "services.toml";
 
@@ -75,10 +79,42 @@ pub struct Config {
     pub log_max_mb: u32,
     /// The link to the autopilot, and the others.
     pub link: Link,
+    /// What is recorded, and where.
+    pub recorder: Recorder,
     /// The virtual world, where there is one.
     pub simulation: Simulation,
     /// Names of the sensors that publish point clouds, and of those that publish scans.
     pub sensors: Vec<Sensor>,
+}
+
+/// What is recorded, and where.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recorder {
+    /// Folder for recordings; `None` = nothing is recorded.
+    pub folder: Option<PathBuf>,
+    /// What the recordings of that folder may take (MB).
+    pub max_mb: u32,
+    /// The clouds of lidars and depth cameras are recorded, too.
+    pub clouds: bool,
+}
+
+impl Default for Recorder {
+    fn default() -> Self {
+        Self {
+            folder: None,
+            max_mb: RECORDINGS_MAX_MB,
+            clouds: false,
+        }
+    }
+}
+
+/// As it is written.
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct RecorderTable {
+    folder: String,
+    max_mb: Option<Spanned<u32>>,
+    clouds: bool,
 }
 
 /// The virtual world.
@@ -204,6 +240,7 @@ struct File {
     log_max_mb: Option<Spanned<u32>>,
     params: BTreeMap<Spanned<String>, Spanned<f64>>,
     link: Link,
+    recorder: RecorderTable,
     simulation: Simulation,
     sensor: Vec<Spanned<SensorTable>>,
     parameter: Vec<Spanned<parameters::Written>>,
@@ -277,11 +314,28 @@ impl Config {
             let message = format!("log_max_mb is a number from {LOG_LEAST_MB}");
             return Err(at(least.span().start, message));
         }
+        if let Some(least) = parsed
+            .recorder
+            .max_mb
+            .as_ref()
+            .filter(|mb| *mb.get_ref() < RECORDINGS_LEAST_MB)
+        {
+            let message = format!("max_mb of [recorder] is a number from {RECORDINGS_LEAST_MB}");
+            return Err(at(least.span().start, message));
+        }
         let mut config = Self {
             param_store: (!parsed.param_store.is_empty()).then(|| PathBuf::from(&parsed.param_store)),
             log_dir: (!parsed.log_dir.is_empty()).then(|| PathBuf::from(&parsed.log_dir)),
             log_max_mb: parsed.log_max_mb.map_or(LOG_MAX_MB, |mb| *mb.get_ref()),
             link: parsed.link,
+            recorder: Recorder {
+                folder: (!parsed.recorder.folder.is_empty()).then(|| PathBuf::from(&parsed.recorder.folder)),
+                max_mb: parsed
+                    .recorder
+                    .max_mb
+                    .map_or(RECORDINGS_MAX_MB, |mb| *mb.get_ref()),
+                clouds: parsed.recorder.clouds,
+            },
             simulation: parsed.simulation,
             params: ParamSet::declaring(match parsed.parameter.as_slice() {
                 [] => declared,

@@ -15,7 +15,7 @@ pub const LAB: &str = "jink-lab";
 /// The program that renders sensors and flies emulated vehicles, in [`LAB`].
 pub const SIMULATOR: &str = "jink-simulator";
 /// The programs in [`JINK`].
-pub const IN_JINK: [&str; 12] = [
+pub const IN_JINK: [&str; 13] = [
     "jink-supervisor",
     "jink-obstacle-fusion",
     "jink-planner",
@@ -24,6 +24,7 @@ pub const IN_JINK: [&str; 12] = [
     "jink-mavlink-gateway",
     "jink-parameter-server",
     "jink-ground-services",
+    "jink-recorder",
     "jink-rangefinder-driver",
     "jink-depth-driver",
     "jink-lidar-driver",

@@ -7,7 +7,7 @@
 //! | `program` | - | one of jink's programs, a file beside jink, or an absolute path |
 //! | `arguments` | `[]` | arguments of this kind of service after `--` |
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
-//! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
+//! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered), `"recording"` (`[recorder]` of `jink.toml` names a folder) |
 //! | `per_sensor` | none | one process for each `[[sensor]]` of this kind that has a `device`; its name stands for `{sensor}` in `name` and `arguments` |
 //! | `publishes`, `reads` | none | topics that a process called `user_...` may use besides what is open to everybody ([`Foreign`]) |
 //! | `output` | `false` | it sends to the autopilot: `on_failure = "stop_output"` stops it |
@@ -33,7 +33,7 @@ mod check;
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
 use jink_runtime::config::{
-    ConfigError, Foreign, Grants, PROCESS_FILE, Sensor, all_mistakes, line_of, of_sensor, parse_toml,
+    Config, ConfigError, Foreign, Grants, PROCESS_FILE, Sensor, all_mistakes, line_of, of_sensor, parse_toml,
     plugged_in, read,
 };
 use jink_runtime::{Instance, programs};
@@ -75,16 +75,19 @@ pub enum When {
     SimulatedVehicle,
     /// Where sensors are rendered, around the simulated or an external vehicle.
     VirtualWorld,
+    /// Where the configuration names a folder for recordings.
+    Recording,
 }
 
 impl When {
-    /// Whether the process runs in `mode`.
-    pub fn includes(self, mode: Mode) -> bool {
+    /// Whether the process runs in `mode` with `config`.
+    pub fn includes(self, mode: Mode, config: &Config) -> bool {
         match self {
             Self::Always => true,
             Self::Real => mode == Mode::Real,
             Self::SimulatedVehicle => mode == Mode::SimulatedVehicle,
             Self::VirtualWorld => mode != Mode::Real,
+            Self::Recording => config.recorder.folder.is_some(),
         }
     }
 }
@@ -226,49 +229,40 @@ impl ProcessTable {
     }
 
     /// The rows that run in `mode`, with the arguments for it and with the full path of their programs, which must be
-    /// executable files: absolute, or in `folder`. What is there per sensor is there once for each of `sensors` that it
+    /// executable files: absolute, or in `folder`. What is there per sensor is there once for each sensor of `config` that it
     /// is for.
     ///
     /// # Errors
     /// [`ConfigError`] naming the line of the row, and the path that was tried, the name that is taken, or the output
     /// that it lacks.
-    pub fn select(
-        &self,
-        mode: Mode,
-        folder: &Path,
-        sensors: &[Sensor],
-    ) -> Result<Vec<ProcessRow>, ConfigError> {
-        let (selected, mistakes) = self.select_all(mode, folder, sensors);
+    pub fn select(&self, mode: Mode, folder: &Path, config: &Config) -> Result<Vec<ProcessRow>, ConfigError> {
+        let (selected, mistakes) = self.select_all(mode, folder, config);
         mistakes.into_iter().next().map_or(Ok(selected), Err)
     }
 
-    /// Every mistake of `services.toml` in `config`, with the rows that [`Self::select`] would give, wrong ones among them.
+    /// Every mistake of `services.toml` in `config_folder`, with the rows that [`Self::select`] would give, wrong ones among them.
     pub fn examine(
-        config: &Path,
+        config_folder: &Path,
         mode: Mode,
         folder: &Path,
-        sensors: &[Sensor],
+        config: &Config,
     ) -> (Vec<ProcessRow>, Vec<ConfigError>) {
-        let file = config.join(PROCESS_FILE);
+        let file = config_folder.join(PROCESS_FILE);
         let text = match read(&file) {
             Ok(text) => text,
             Err(error) => return (Vec::new(), vec![error]),
         };
         let found = all_mistakes(&text, |text| Self::parse(&file, text));
-        let selected = found.value.map(|table| table.select_all(mode, folder, sensors));
+        let selected = found.value.map(|table| table.select_all(mode, folder, config));
         let (rows, of_rows) = selected.unwrap_or_default();
         (rows, found.mistakes.into_iter().chain(of_rows).collect())
     }
 
     /// What [`Self::select`] selects, and everything that is wrong with it.
-    fn select_all(
-        &self,
-        mode: Mode,
-        folder: &Path,
-        sensors: &[Sensor],
-    ) -> (Vec<ProcessRow>, Vec<ConfigError>) {
+    fn select_all(&self, mode: Mode, folder: &Path, config: &Config) -> (Vec<ProcessRow>, Vec<ConfigError>) {
+        let sensors = config.sensors.as_slice();
         let (mut selected, mut mistakes): (Vec<ProcessRow>, Vec<ConfigError>) = (Vec::new(), Vec::new());
-        let rows = self.rows.iter().filter(|row| row.when.includes(mode));
+        let rows = self.rows.iter().filter(|row| row.when.includes(mode, config));
         for mut row in rows.flat_map(|row| row.per_sensor_of(sensors)) {
             row.program_name = row.program.file_name().unwrap_or_default().to_owned();
             row.program = programs::file_of(&folder.join(&row.program));

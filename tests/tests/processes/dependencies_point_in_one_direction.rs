@@ -87,6 +87,7 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-mavlink-gateway",
                 "jink-parameter-server",
                 "jink-ground-services",
+                "jink-recorder",
                 "jink-rangefinder-driver",
                 "jink-depth-driver",
                 "jink-lidar-driver",

@@ -36,4 +36,5 @@ mod signatures_are_asked_for_link_by_link;
 mod the_boards_clock_is_set_in_flight;
 mod the_documentation_names_what_exists;
 mod the_way_to_the_wire_is_measured;
+mod what_flows_is_recorded;
 mod what_is_learned_in_flight_is_kept;

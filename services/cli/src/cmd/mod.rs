@@ -7,6 +7,7 @@ pub mod instances;
 pub mod lidar;
 pub mod log;
 pub mod param;
+pub mod recording;
 pub mod ring;
 pub mod schema;
 pub mod status;

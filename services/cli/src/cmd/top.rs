@@ -3,11 +3,11 @@
 use jink_cli::view::status::{LEGEND, Report};
 use jink_cli::view::top::{Pressed, Rate, Screen};
 use jink_cli::view::topic_statistics::TopicStatistics;
-use jink_control::members::Members;
 use jink_control::meter::Meter;
 use jink_control::say;
 use jink_control::watch::Watch;
 use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
+use jink_runtime::members::Members;
 use jink_runtime::{Input, Instance};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::topics::{EVENT, HEALTH, TABLE};

@@ -4,12 +4,12 @@ use jink_cli::view::sample_json;
 use jink_cli::view::sample_text::{self, header_line};
 use jink_cli::view::topic_statistics::TopicStatistics;
 use jink_cli::view::topics::Listed;
-use jink_control::members::Members;
 use jink_control::meter::Meter;
 use jink_control::watch::{PROGRAM, Watch};
 use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, arguments, running};
 use jink_control::{say, sayln};
 use jink_runtime::config::Foreign;
+use jink_runtime::members::Members;
 use jink_runtime::{Checks, Instance, OpenError, Session};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{self, TABLE, Topic, TopicRow, Visitor};
@@ -297,7 +297,9 @@ const BYTES_SHOWN: usize = 128;
 
 /// Shows samples whose payload only their own programs know.
 fn echo_bytes(session: &Session, row: &TopicRow, limits: Limits) -> Result<u64, Problem> {
-    let mut input = session.raw_input(row)?.ok_or_else(|| unused(row.name))?;
+    let mut input = session
+        .raw_input(row, row.name)?
+        .ok_or_else(|| unused(row.name))?;
     if !limits.json {
         sayln!(
             "{} bytes of {}, known to its own programs only",

@@ -2,6 +2,7 @@
 
 pub mod log;
 pub mod params;
+pub mod recording;
 pub mod ring;
 pub mod sample_json;
 pub mod sample_text;

@@ -1,6 +1,6 @@
 //! The topic table as people see it.
 
-use jink_control::members::Members;
+use jink_runtime::members::Members;
 use jink_shared_types::topics::TopicRow;
 use serde::Serialize;
 

@@ -27,11 +27,12 @@ const OVER_MAVLINK: [&str; 2] = ["autopilot_rangefinder", "obstacle_row"];
 
 const DEFAULT_START_GRACE_MS: i64 = 3_000;
 
-const WHEN: [(&str, When); 4] = [
+const WHEN: [(&str, When); 5] = [
     ("always", When::Always),
     ("real", When::Real),
     ("simulated_vehicle", When::SimulatedVehicle),
     ("virtual_world", When::VirtualWorld),
+    ("recording", When::Recording),
 ];
 
 const ON_FAILURE: [(&str, OnFailure); 4] = [

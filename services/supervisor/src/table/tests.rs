@@ -1,5 +1,5 @@
 use super::{Mode, OnFailure, ProcessRow, ProcessTable, When};
-use jink_runtime::config::{Config, Grants, Sensor};
+use jink_runtime::config::{Config, Grants};
 use std::path::Path;
 
 fn parse(text: &str) -> ProcessTable {
@@ -76,7 +76,7 @@ fn to_stop_the_output_there_must_be_one() {
         std::os::unix::fs::symlink(std::env::current_exe().unwrap(), folder.join(program)).unwrap();
     }
     let [real, simulated] =
-        [Mode::Real, Mode::SimulatedVehicle].map(|mode| with_one.select(mode, &folder, &[]));
+        [Mode::Real, Mode::SimulatedVehicle].map(|mode| with_one.select(mode, &folder, &Config::default()));
     std::fs::remove_dir_all(&folder).unwrap();
     assert_eq!(real.unwrap().len(), 2);
     assert_eq!(
@@ -102,7 +102,7 @@ fn unknown_keys_and_words_are_refused_with_line_and_nearest() {
     );
     assert_eq!(
         error_of(&format!("{SHORT}when = \"simulated\"\n")),
-        "services.toml:4: unknown when \"simulated\"; use one of always, real, simulated_vehicle, virtual_world"
+        "services.toml:4: unknown when \"simulated\"; use one of always, real, simulated_vehicle, virtual_world, recording"
     );
     assert_eq!(
         error_of(&format!("{SHORT}on_failure = \"stop\"\n")),
@@ -223,7 +223,7 @@ fn more_processes_than_a_status_can_hold_are_refused() {
 fn a_missing_program_is_named_with_the_path_that_was_tried() {
     let table = parse(&format!("\n{SHORT}"));
     let message = table
-        .select(Mode::Real, Path::new("/nowhere/bin"), &[])
+        .select(Mode::Real, Path::new("/nowhere/bin"), &Config::default())
         .unwrap_err()
         .to_string();
     assert_eq!(
@@ -245,25 +245,32 @@ fn each_mode_has_its_processes_and_arguments() {
         row("v", "simulated_vehicle"),
         row("s", "virtual_world"),
         row("r", "real"),
+        row("k", "recording"),
     ];
     let table = parse(&rows.concat());
-    let started = |mode: Mode| -> Vec<String> {
-        let rows = table.select(mode, Path::new("/"), &[]).unwrap();
+    let started_with = |mode: Mode, config: &str| -> Vec<String> {
+        let config = Config::parse(Path::new("jink.toml"), config).unwrap();
+        let rows = table.select(mode, Path::new("/"), &config).unwrap();
         rows.iter().map(|row| row.arguments.join(" ")).collect()
     };
+    let started = |mode: Mode| started_with(mode, "");
     assert_eq!(started(Mode::Real), ["a", "r"]);
     assert_eq!(started(Mode::SimulatedVehicle), ["a", "v", "s"]);
     assert_eq!(started(Mode::VirtualWorld), ["a external", "s external"]);
+    assert_eq!(
+        started_with(Mode::Real, "[recorder]\nfolder = \"/x\"\n"),
+        ["a", "r", "k"]
+    );
 }
 
 /// A configuration with rangefinders that are plugged in, and one that the autopilot has.
-fn sensors(names: &[&str]) -> Vec<Sensor> {
+fn sensors(names: &[&str]) -> Config {
     let plugged: String = names
         .iter()
         .map(|name| format!("[[sensor]]\nname = \"{name}\"\nkind = \"rangefinder\"\ndevice = \"/dev/x\"\n"))
         .collect();
     let text = format!("{plugged}[[sensor]]\nname = \"ground\"\nkind = \"autopilot_rangefinder\"\n");
-    Config::parse(Path::new("jink.toml"), &text).unwrap().sensors
+    Config::parse(Path::new("jink.toml"), &text).unwrap()
 }
 
 const PER_SENSOR: &str = "[[process]]\nname = \"planner\"\nprogram = \"/bin/sh\"\n\
@@ -293,8 +300,8 @@ fn a_sensor_that_nobody_measures_with_is_refused_where_sensors_are_real() {
     let (plain, with_own) = (parse(PER_SENSOR), parse(&format!("{PER_SENSOR}{own}")));
     let select = |table: &ProcessTable, mode: Mode, sensor: &str| {
         let text = format!("[[sensor]]\n{sensor}\n");
-        let sensors = Config::parse(Path::new("jink.toml"), &text).unwrap().sensors;
-        let rows = table.select(mode, Path::new("/"), &sensors);
+        let config = Config::parse(Path::new("jink.toml"), &text).unwrap();
+        let rows = table.select(mode, Path::new("/"), &config);
         rows.map(|rows| rows.len()).map_err(|error| error.to_string())
     };
     let lidar = "name = \"lidar\"\nkind = \"lidar_3d\"";
@@ -340,8 +347,8 @@ fn rows_for_two_kinds_of_sensors_may_both_be_named_by_the_sensor() {
     let table = parse(&format!("{PER_SENSOR}{other}"));
     let text = "[[sensor]]\nname = \"eye\"\nkind = \"depth_camera\"\ndevice = \"/dev/video0\"\n\
                 [[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\ndevice = \"/dev/ttyS4\"\n";
-    let sensors = Config::parse(Path::new("jink.toml"), text).unwrap().sensors;
-    let rows = table.select(Mode::Real, Path::new("/"), &sensors).unwrap();
+    let config = Config::parse(Path::new("jink.toml"), text).unwrap();
+    let rows = table.select(Mode::Real, Path::new("/"), &config).unwrap();
     let started: Vec<(&str, &Path)> = rows
         .iter()
         .map(|row| (row.rules.name.as_str(), row.program.as_path()))
@@ -419,7 +426,9 @@ const FOREIGN: &str = "[[topic]]\nname = \"user/wind\"\npayload = \"Wind\"\nsize
 
 #[test]
 fn a_process_of_others_is_a_row_with_what_it_may_use() {
-    let rows = parse(FOREIGN).select(Mode::Real, Path::new("/"), &[]).unwrap();
+    let rows = parse(FOREIGN)
+        .select(Mode::Real, Path::new("/"), &Config::default())
+        .unwrap();
     assert!(rows[0].grants.may_publish("user/wind") && rows[0].grants.may_read("map/local"));
     assert!(!rows[0].rules.has_shadow);
     assert_eq!(parse(SHORT).rows[0].grants, Grants::default());

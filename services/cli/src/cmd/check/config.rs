@@ -138,7 +138,7 @@ fn mistakes(args: &Args, folder: &Path) -> Result<Vec<ConfigError>, Problem> {
         );
     }
     let programs = places::program_folder()?;
-    let (rows, of_rows) = ProcessTable::examine(folder, args.mode(), &programs, &config.sensors);
+    let (rows, of_rows) = ProcessTable::examine(folder, args.mode(), &programs, &config);
     for row in &rows {
         mistakes.extend(of_driver(row, &examined));
     }

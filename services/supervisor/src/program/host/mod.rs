@@ -142,7 +142,7 @@ fn supervise(
         lock.announce()?;
         let folder = args.instance.run_config();
         let config = Config::load(&folder)?;
-        let rows = ProcessTable::load(&folder)?.select(args.mode, &programs, &config.sensors)?;
+        let rows = ProcessTable::load(&folder)?.select(args.mode, &programs, &config)?;
         (config, rows)
     };
     let logs = match is_new {
@@ -198,7 +198,7 @@ fn configured(args: &Args, programs: &Path) -> Result<(Resolved, Vec<ProcessRow>
         &args.overrides,
     )?;
     let table = ProcessTable::load(&args.config)?;
-    let rows = table.select(args.mode, programs, &resolved.config.sensors)?;
+    let rows = table.select(args.mode, programs, &resolved.config)?;
     Ok((resolved, rows))
 }
 

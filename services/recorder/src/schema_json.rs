@@ -1,6 +1,6 @@
 //! The schema for machines.
 
-use super::{Schema, comment};
+use crate::schema::{Schema, comment};
 use jink_shared_types::shape::{EnumShape, FieldShape, Shape, StructShape, Value as Constant};
 use jink_shared_types::topics::{FINGERPRINT, MAX_BORROWED, MAX_NODES};
 use serde_json::{Map, Value, json};

@@ -1,0 +1,169 @@
+//! `jink recording`: what recordings hold.
+
+use jink_cli::view::recording::{CsvTable, Overview};
+use jink_control::{Problem, places, sayln};
+use jink_recorder::reading::{Ends, Message, ReadError, Reading};
+use jink_runtime::Instance;
+use jink_runtime::config::Config;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// What to do with recordings.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Subcommand,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Subcommand {
+    /// List the recordings of a folder
+    #[command(after_help = "Exit codes: 0 shown; 1 there is no such folder.")]
+    Ls {
+        /// The folder; without it that of [recorder] in jink.toml
+        folder: Option<PathBuf>,
+        /// Configuration folder, for an instance that is not running; without it ./config, /etc/jink or that of the checkout
+        #[arg(long, value_name = "DIR")]
+        config: Option<PathBuf>,
+    },
+    /// Show what a recording holds: topics, samples, what is missing
+    #[command(after_help = "Exit codes: 0 shown; 1 the file is no recording of jink, or damaged.")]
+    Info {
+        /// The recording
+        file: PathBuf,
+        /// One JSON object instead of a table
+        #[arg(long)]
+        json: bool,
+    },
+    /// Write the samples of a topic as a CSV table, a line for each
+    #[command(after_help = "\
+Columns are named as fields are by `jink topic echo --json`; lists of more than 16 elements are left out.
+
+Exit codes: 0 written; 1 the file is no recording of jink, damaged, of another layout, or has no such topic.")]
+    Export {
+        /// The recording
+        file: PathBuf,
+        /// The topic, e.g. vehicle/state
+        topic: String,
+        /// Where the table goes; without it to the terminal
+        #[arg(long, value_name = "FILE")]
+        csv: Option<PathBuf>,
+    },
+}
+
+/// Runs `jink recording`.
+pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    match &args.command {
+        Subcommand::Ls { folder, config } => {
+            ls(&recordings_of(instance, folder.as_deref(), config.as_deref())?)
+        }
+        Subcommand::Info { file, json } => info(file, *json),
+        Subcommand::Export { file, topic, csv } => export(file, topic, csv.as_deref()),
+    }
+}
+
+fn other(error: &ReadError) -> Problem {
+    Problem::Other(error.to_string())
+}
+
+/// The folder that was asked for, else that of the configuration, which of a running instance is its own.
+fn recordings_of(
+    instance: &Instance,
+    folder: Option<&Path>,
+    config: Option<&Path>,
+) -> Result<PathBuf, Problem> {
+    if let Some(folder) = folder {
+        return Ok(folder.to_owned());
+    }
+    let running = Some(instance.run_config()).filter(|folder| config.is_none() && folder.is_dir());
+    let config = running.map_or_else(|| places::config_folder(config), Ok)?;
+    let config = Config::load(&config).map_err(|error| Problem::Other(error.to_string()))?;
+    config.recorder.folder.ok_or_else(|| {
+        Problem::Other(
+            "nothing is recorded: [recorder] of jink.toml names no folder; name one here".to_owned(),
+        )
+    })
+}
+
+fn ls(folder: &Path) -> Result<ExitCode, Problem> {
+    let entries = std::fs::read_dir(folder).map_err(Problem::io(&folder.display().to_string()))?;
+    let mut files: Vec<PathBuf> = entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
+        .collect();
+    files.sort();
+    for file in &files {
+        match Reading::open(file) {
+            Ok(reading) => sayln!("{}  {}", file.display(), Overview::of(&reading).line()),
+            Err(error) => sayln!("{error}"),
+        }
+    }
+    if files.is_empty() {
+        sayln!("{}: no recordings", folder.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn info(file: &Path, json: bool) -> Result<ExitCode, Problem> {
+    let reading = Reading::open(file).map_err(|error| other(&error))?;
+    let overview = Overview::of(&reading);
+    if json {
+        sayln!("{}", overview.json());
+    } else {
+        sayln!("{}  {}\n\n{}", file.display(), overview.line(), overview.table());
+    }
+    match overview.damage {
+        Some(damage) => Err(Problem::Other(damage)),
+        None => Ok(ExitCode::SUCCESS),
+    }
+}
+
+fn export(file: &Path, topic: &str, csv: Option<&Path>) -> Result<ExitCode, Problem> {
+    let reading = Reading::open(file).map_err(|error| other(&error))?;
+    let mut table = CsvTable::new(topic);
+    let mut topics = std::collections::BTreeSet::new();
+    let mut refused = None;
+    let mut lines = Vec::new();
+    let ended = reading.each(|message| {
+        if let Message::Sample(sample) = message {
+            topics.insert(sample.topic.to_owned());
+            if sample.topic == topic {
+                match table.line(sample) {
+                    Ok(line) => lines.push(line),
+                    Err(why) => refused = Some(why),
+                }
+            }
+        }
+        refused.is_none()
+    });
+    if let Some(why) = refused {
+        return Err(Problem::Other(format!("{}: {why}", file.display())));
+    }
+    let ended = ended.map_err(|error| other(&error))?;
+    if lines.is_empty() {
+        let all: Vec<&str> = topics.iter().map(String::as_str).collect();
+        return Err(Problem::Other(format!(
+            "{}: no sample of {topic}; there are {}",
+            file.display(),
+            all.join(", ")
+        )));
+    }
+    let write = |out: &mut dyn Write| -> std::io::Result<()> {
+        writeln!(out, "{}", table.header())?;
+        lines.iter().try_for_each(|line| writeln!(out, "{line}"))?;
+        out.flush()
+    };
+    match csv {
+        Some(path) => File::create(path)
+            .and_then(|file| write(&mut BufWriter::new(file)))
+            .map_err(Problem::io(&path.display().to_string()))?,
+        None => write(&mut std::io::stdout().lock()).map_err(Problem::io("the terminal"))?,
+    }
+    if ended == Ends::CutOff {
+        eprintln!("{}: was cut off; this is what came before", file.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}

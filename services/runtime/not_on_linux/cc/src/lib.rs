@@ -1,1 +1,0 @@
-//! Empty: iceoryx2's build scripts name this crate on every host and use it on QNX only.
