@@ -346,7 +346,7 @@ events! {
     LINK_WAITED = 120, Warning, Until(LINK_OPEN), "jink: waiting for {name}", "Plug it in, or switch it on; `jink status` names the link.";
     /// A link that was waited for is open.
     LINK_OPEN = 121, Notice, End, "jink: {name} is there", "None.";
-    /// The folder of the logs cannot be written, or its disk is full: what happens from now on is not in the log.
+    /// The folder of the logs cannot be written, or its disk is full or hangs: what happens from now on stays in memory, each log's last megabyte.
     LOGS_LOST = 122, Warning, Until(LOGS_KEPT), "jink: no room for logs", "Make room on its disk, or name another folder in log_dir.";
     /// Logs are written again.
     LOGS_KEPT = 123, Notice, End, "jink: logs are kept again", "None.";

@@ -317,6 +317,15 @@ fn end(child: &mut Child) {
 /// The simulated autopilot, the gateway, the parameters and the ground services, and nothing that flies.
 pub const GATEWAY_ONLY: &str = r#"
 [[process]]
+name = "recorder"
+program = "jink-recorder"
+when = "recording"
+essential = false
+on_failure = "ignore"
+shadow = false
+heartbeat_timeout_ms = 2000
+
+[[process]]
 name = "simulator"
 program = "jink-simulator"
 arguments = ["vehicle"]

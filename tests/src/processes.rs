@@ -357,10 +357,13 @@ pub struct Demo {
     pub code: Option<i32>,
 }
 
+/// A demonstration that records nothing, unless a test says where.
+const DEMO: [&str; 5] = ["demo", "--headless", "--json", "--set", "recorder.folder="];
+
 /// Flies `jink demo --headless --json` with further `arguments`, as soon as there is room for it.
 pub fn demo(arguments: &[&str]) -> Demo {
     let _permit = permit::share();
-    let mut all = vec!["demo", "--headless", "--json"];
+    let mut all = DEMO.to_vec();
     all.extend(arguments);
     let Answer { stdout, stderr, code } = answer(&mut program("jink", &all));
     let last = stdout.lines().last().unwrap_or_default();
@@ -398,7 +401,7 @@ impl Flight {
     /// # Panics
     /// If it cannot be started.
     pub fn begin_in(arguments: &[&str], environment: &[(&str, &Path)]) -> Self {
-        let mut command = program("jink", &["demo", "--headless", "--json"]);
+        let mut command = program("jink", &DEMO);
         command.envs(environment.iter().copied());
         let permit = permit::share();
         let demo = command.args(arguments).stdout(Stdio::piped()).spawn();

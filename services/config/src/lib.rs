@@ -41,6 +41,8 @@ const LOG_LEAST_MB: u32 = 20;
 const RECORDINGS_MAX_MB: u32 = 2000;
 /// The least that they may (MB): one file has a quarter of it.
 const RECORDINGS_LEAST_MB: u32 = 40;
+/// What may wait in memory for an event (s).
+const BEFORE_EVENT_S: std::ops::RangeInclusive<f64> = 0.0..=600.0;
 /// Name of the process table in the same folder.
 pub const PROCESS_FILE: &str = "services.toml";
 
@@ -88,7 +90,7 @@ pub struct Config {
 }
 
 /// What is recorded, and where.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Recorder {
     /// Folder for recordings; `None` = nothing is recorded.
     pub folder: Option<PathBuf>,
@@ -96,6 +98,8 @@ pub struct Recorder {
     pub max_mb: u32,
     /// The clouds of lidars and depth cameras are recorded, too.
     pub clouds: bool,
+    /// Only so much before and after an event is recorded (s); `None` = everything.
+    pub before_event_s: Option<f64>,
 }
 
 impl Default for Recorder {
@@ -104,6 +108,7 @@ impl Default for Recorder {
             folder: None,
             max_mb: RECORDINGS_MAX_MB,
             clouds: false,
+            before_event_s: None,
         }
     }
 }
@@ -115,6 +120,7 @@ struct RecorderTable {
     folder: String,
     max_mb: Option<Spanned<u32>>,
     clouds: bool,
+    before_event_s: Option<Spanned<f64>>,
 }
 
 /// The virtual world.
@@ -323,6 +329,16 @@ impl Config {
             let message = format!("max_mb of [recorder] is a number from {RECORDINGS_LEAST_MB}");
             return Err(at(least.span().start, message));
         }
+        let before_event_s = parsed.recorder.before_event_s.as_ref();
+        if let Some(wrong) = before_event_s.filter(|s| !BEFORE_EVENT_S.contains(s.get_ref())) {
+            let message = format!(
+                "before_event_s of [recorder] is a number from {} to {}",
+                BEFORE_EVENT_S.start(),
+                BEFORE_EVENT_S.end()
+            );
+            return Err(at(wrong.span().start, message));
+        }
+        let before_event_s = before_event_s.map_or(0.0, |s| *s.get_ref());
         let mut config = Self {
             param_store: (!parsed.param_store.is_empty()).then(|| PathBuf::from(&parsed.param_store)),
             log_dir: (!parsed.log_dir.is_empty()).then(|| PathBuf::from(&parsed.log_dir)),
@@ -335,6 +351,7 @@ impl Config {
                     .max_mb
                     .map_or(RECORDINGS_MAX_MB, |mb| *mb.get_ref()),
                 clouds: parsed.recorder.clouds,
+                before_event_s: (before_event_s > 0.0).then_some(before_event_s),
             },
             simulation: parsed.simulation,
             params: ParamSet::declaring(match parsed.parameter.as_slice() {

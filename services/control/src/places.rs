@@ -44,6 +44,18 @@ pub fn config_folder(asked_for: Option<&Path>) -> Result<PathBuf, Problem> {
     })
 }
 
+/// Where demonstrations are recorded: `jink/recordings` in the user's folder for what programs leave behind (XDG Base Directory
+/// Specification). `None`: the user has no folder.
+pub fn recordings_folder() -> Option<PathBuf> {
+    let absolute = |name: &str| {
+        std::env::var_os(name)
+            .map(PathBuf::from)
+            .filter(|path| path.is_absolute())
+    };
+    let state = absolute("XDG_STATE_HOME").or_else(|| Some(absolute("HOME")?.join(".local/state")))?;
+    Some(state.join("jink/recordings"))
+}
+
 /// The checkout that `folder` lies in: the nearest one above with a Cargo.lock.
 pub fn workspace(folder: &Path) -> Option<&Path> {
     folder

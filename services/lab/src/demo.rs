@@ -9,13 +9,16 @@ use jink_lab::picture::World;
 use jink_lab::rig::show::Show;
 use jink_lab::rig::{Flown, Plan, instance, usual_limit_s};
 use jink_runtime::Instance;
-use jink_runtime::config::process_names;
+use jink_runtime::config::{Config, process_names};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// What to fly.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
+Flights are recorded in ~/.local/state/jink/recordings, the last ten minutes or so (docs/recordings.md); `--set recorder.folder=` records
+none.
+
 Names for --kill: planner, fusion, bezier, guard, gateway, sensor, supervisor, or any name of the process table.
 
 Exit codes: 0 the goal was reached without a collision; 1 otherwise; 2 wrong usage; 78 the system cannot start.")]
@@ -67,6 +70,9 @@ pub struct Args {
 /// Logs are kept of so many flights that ended badly, the newest ones.
 const DEMONSTRATIONS_KEPT: usize = 10;
 
+/// What the recordings of demonstrations may take together (MB): some ten minutes of flight.
+const RECORDINGS_MAX_MB: u32 = 400;
+
 /// What flies where neither sensors nor a configuration are named: what can be bought.
 const SENSORS: &str = "mid360";
 
@@ -76,11 +82,29 @@ impl Args {
         self.sensor.clone().or(usual)
     }
 
+    /// The flight is recorded, unless the configuration says where or there is no place for it.
+    fn recording(&self, config: &Path) -> Vec<String> {
+        let is_named = Config::load(config).is_ok_and(|config| config.recorder.folder.is_some());
+        let folder = places::recordings_folder().filter(|folder| {
+            let is_off = |set: &String| set.starts_with("recorder.folder=");
+            !is_named && !self.overrides.iter().any(is_off) && std::fs::create_dir_all(folder).is_ok()
+        });
+        folder.map_or_else(Vec::new, |folder| {
+            vec![
+                format!("recorder.folder={}", folder.display()),
+                format!("recorder.max_mb={RECORDINGS_MAX_MB}"),
+            ]
+        })
+    }
+
     fn plan(&self, programs: PathBuf) -> Result<Plan, Problem> {
         let usual_s = usual_limit_s(self.legs, self.autopilot.is_sitl());
+        let config = places::config_folder(self.config.as_deref())?;
+        let mut overrides = self.recording(&config);
+        overrides.extend_from_slice(&self.overrides);
         Ok(Plan {
             programs,
-            config: places::config_folder(self.config.as_deref())?,
+            config,
             world: self.world.clone(),
             seed: self.seed,
             density: self.density,
@@ -88,7 +112,7 @@ impl Args {
             speed: self.speed,
             legs: self.legs,
             limit_s: self.timeout.unwrap_or(usual_s),
-            overrides: self.overrides.clone(),
+            overrides,
             autopilot: self.autopilot.clone(),
             keeps_sensed: self.svg.is_some(),
         })
@@ -116,10 +140,13 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let mut show = Show::new(args.headless);
     let (flown, stopped) = plan.fly(&instance, args.kills.clone(), &mut show, &interrupt)?;
     conclude(args, world.as_ref(), &flown)?;
+    if let Ok(file) = std::fs::read_link(instance.recording()) {
+        sayln!("recording: {}", file.display());
+    }
     let good = flown.outcome == Outcome::Goal;
     match stopped {
         Ok(_) if good => drop(std::fs::remove_dir_all(instance.folder())),
-        Ok(_) if instance.log_folder().is_dir() => eprintln!("logs: {}", instance.log_folder().display()),
+        Ok(_) if instance.log_place().is_dir() => eprintln!("logs: {}", instance.log_place().display()),
         Ok(_) => {}
         Err(problem) => eprintln!("jink: {problem}"),
     }

@@ -3,6 +3,9 @@
 //! | in | out |
 //! |---|---|
 //! | every topic whose row says `logged`, and those that the configuration declares, as bytes | files `jink-SECONDS-START.mcap` in the folder of `[recorder]` |
+//! | logs and telemetry logs in the instance's memory | the same in their folders ([`jink_runtime::spool`]) |
+//!
+//! It is the only process of a flight that waits for a disk.
 //!
 //! A channel of a file is a topic, a message one sample: its [`SampleHeader`](jink_shared_types::SampleHeader) and its payload, byte by byte
 //! as they were in shared memory, but for the unused end of a list ([`layouts::Layout::used_bytes`]). The schema (encoding `jink`) is the JSON
@@ -12,6 +15,7 @@
 //! The service looks at its topics fifty times a second and hands copies to a thread of the lowest priority, which compresses and writes.
 //! What the disk is too slow for is left out, counted, and said: in the log, to the pilot, and in the file on the channel `recorder/lost`.
 
+mod carrier;
 pub mod layouts;
 pub mod reading;
 mod recording;
@@ -20,6 +24,7 @@ mod schema_json;
 mod service;
 #[cfg(test)]
 mod tests;
+mod topic_recorder;
 mod writer;
 
 pub use recording::{Channel, Kept, LOST, Recording};

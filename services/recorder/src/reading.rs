@@ -153,20 +153,19 @@ impl Reading {
     /// # Errors
     /// [`ReadError::Damaged`]; what came before has been visited.
     pub fn each(&self, mut visit: impl FnMut(&Message<'_>) -> bool) -> Result<Ends, ReadError> {
-        let mut seen = 0;
-        let damaged = |seen, error| ReadError::Damaged(self.path.clone(), seen, error);
+        let damaged = |seen: usize, error| ReadError::Damaged(self.path.clone(), seen as u64, error);
         let file = File::open(&self.path).map_err(|error| ReadError::File(self.path.clone(), error))?;
         let options = LinearReaderOptions::default()
             .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
             .with_record_length_limit(RECORD_MAX_BYTES);
-        for message in MessageReader::new_with_options(BufReader::new(file), options) {
+        let messages = MessageReader::new_with_options(BufReader::new(file), options);
+        for (seen, message) in messages.enumerate() {
             let message = match message {
                 Ok(message) => message,
                 Err(McapError::UnexpectedEof | McapError::UnexpectedEoc) => return Ok(Ends::CutOff),
                 Err(error) => return Err(damaged(seen, error)),
             };
-            seen += 1;
             let goes_on = if message.channel.topic == LOST {
                 let lost: serde_json::Value = serde_json::from_slice(&message.data).unwrap_or_default();
                 let count = lost["samples"].as_u64().unwrap_or(0);

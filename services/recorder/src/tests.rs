@@ -211,11 +211,43 @@ fn payload(seed: u64) -> Vec<u8> {
     (0..4000).map(|_| byte()).collect()
 }
 
+fn newest(folder: &Path) -> PathBuf {
+    folder.with_extension("newest")
+}
+
+#[test]
+fn of_a_black_box_what_was_before_and_after_an_event_is_written_and_nothing_else() {
+    let folder = folder("black_box");
+    let series = FileSeries::new(&folder, "mcap", 1, 0);
+    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), Some(5.0)).unwrap();
+    for second in 0..100u64 {
+        let mut batch = writer.batch();
+        if second % 60 == 0 {
+            batch.channels.push(channel(second as usize / 60));
+        }
+        batch.push(0, &header(second), &payload(second));
+        batch.has_event = [50, 53, 80].contains(&second);
+        batch.sort(NOW.plus_seconds(second as f64));
+        writer.send(batch).unwrap();
+    }
+    drop(writer);
+    assert!(std::fs::read_link(newest(&folder)).is_ok_and(|file| file.is_file()));
+    std::fs::remove_file(newest(&folder)).unwrap();
+    let files = recordings(&folder);
+    std::fs::remove_dir_all(&folder).unwrap();
+    let all: Vec<_> = (0..100).map(|second| (0, payload(second))).collect();
+    let all = written(&all);
+    assert_eq!(files.len(), 2);
+    for expected in [&all[45..=58], &all[75..=85]] {
+        assert!(files.iter().any(|(samples, _)| samples == expected));
+    }
+}
+
 #[test]
 fn a_file_that_is_full_is_followed_by_another_and_nothing_is_lost_between_them() {
     let folder = folder("rotation");
     let series = FileSeries::new(&folder, "mcap", 1, 20_000_000);
-    let writer = WriterThread::begin(series, BTreeMap::new()).unwrap();
+    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), None).unwrap();
     let mut all = Vec::new();
     for sequence in 0..3000u64 {
         let mut batch = Batch::default();
@@ -241,7 +273,7 @@ fn what_the_disk_is_too_slow_for_is_handed_back_and_new_channels_are_not() {
     // Nobody reads: as slow as a disk can be.
     let folder = folder("slow");
     let series = FileSeries::new(&folder, "mcap", 1, 0);
-    let writer = WriterThread::begin(series, BTreeMap::new()).unwrap();
+    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), None).unwrap();
     let huge = || {
         let mut batch = Batch::default();
         batch.push(0, &header(1), &vec![0; 49 << 20]);
@@ -262,7 +294,7 @@ fn a_disk_that_is_not_there_yet_is_waited_for() {
     let disk = folder("disk");
     let folder = disk.join("recordings");
     let series = FileSeries::new(&folder, "mcap", 1, 0);
-    let writer = WriterThread::begin(series, BTreeMap::new()).unwrap();
+    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), None).unwrap();
     let mut batch = Batch::default();
     batch.channels.push(channel(0));
     batch.push(0, &header(1), &[1, 2, 3]);

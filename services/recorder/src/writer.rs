@@ -4,9 +4,10 @@ use crate::recording::{Channel, Kept, Recording};
 use jink_runtime::file_series::{FileSeries, unix_us};
 use jink_shared_types::{SampleHeader, Timestamp};
 use mcap::{McapError, McapResult};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -20,6 +21,8 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 const RETRY_AFTER: Duration = Duration::from_secs(10);
 /// Bytes that may wait for a slow disk: two seconds of a lidar, its map and everything else.
 const WAITING_MAX: usize = 48 << 20;
+/// What may wait for an event (bytes, compressed): two minutes of everything but clouds.
+const BLACK_BOX_MAX: usize = 64 << 20;
 
 /// Samples on their way to the file.
 #[derive(Debug, Default)]
@@ -32,6 +35,8 @@ pub struct Batch {
     lost: Vec<(usize, u64)>,
     bytes: Vec<u8>,
     now: Timestamp,
+    /// Something has happened for which what came before is kept ([`WriterThread::begin`]).
+    pub has_event: bool,
 }
 
 impl Batch {
@@ -73,6 +78,7 @@ impl Batch {
         self.samples.clear();
         self.lost.clear();
         self.bytes.clear();
+        self.has_event = false;
     }
 }
 
@@ -94,17 +100,25 @@ pub struct WriterThread {
 }
 
 impl WriterThread {
-    /// Begins with a new file of `series`; `about` is said in each.
+    /// Begins with a new file of `series`; `about` is said in each, and a link at `newest` leads to the last one. With `before_event_s`
+    /// only that much before an event is written, and as much after it ([`Batch::has_event`]): until then samples wait in memory.
     ///
     /// # Errors
     /// The system's about the thread.
-    pub fn begin(series: FileSeries, about: BTreeMap<String, String>) -> std::io::Result<Self> {
+    pub fn begin(
+        series: FileSeries,
+        about: BTreeMap<String, String>,
+        newest: PathBuf,
+        before_event_s: Option<f64>,
+    ) -> std::io::Result<Self> {
         let (batches, incoming) = channel();
         let (emptied, empty) = channel();
         let shared = Arc::new(Shared::default());
         let writer = Files {
             series,
             about,
+            newest,
+            black_box: before_event_s.map(BlackBox::new),
             channels: Vec::new(),
             open: None,
             retry_at: None,
@@ -158,6 +172,86 @@ impl Drop for WriterThread {
     }
 }
 
+/// Samples of the last seconds, which are written if something happens.
+#[derive(Debug)]
+struct BlackBox {
+    before_s: f64,
+    /// Oldest first, their bytes compressed.
+    waiting: VecDeque<Batch>,
+    waiting_bytes: usize,
+    /// Until then all is written.
+    open_until: Timestamp,
+}
+
+impl BlackBox {
+    fn new(before_s: f64) -> Self {
+        Self {
+            before_s,
+            waiting: VecDeque::new(),
+            waiting_bytes: 0,
+            open_until: Timestamp::NEVER,
+        }
+    }
+
+    /// Whether what comes at `now` is written.
+    fn is_open(&self, now: Timestamp) -> bool {
+        self.open_until.is_set() && now <= self.open_until
+    }
+
+    /// Takes a copy of a batch, or returns those that are to be written before it because something has happened in it.
+    fn take(&mut self, batch: &Batch) -> Vec<Batch> {
+        if batch.has_event {
+            self.forget(batch.now);
+            let waited = match self.is_open(batch.now) {
+                true => Vec::new(),
+                false => std::mem::take(&mut self.waiting)
+                    .into_iter()
+                    .filter_map(unpacked)
+                    .collect(),
+            };
+            self.waiting_bytes = 0;
+            self.open_until = batch.now.plus_seconds(self.before_s);
+            return waited;
+        }
+        if !self.is_open(batch.now) {
+            self.wait(batch);
+        }
+        Vec::new()
+    }
+
+    fn wait(&mut self, batch: &Batch) {
+        let bytes = lz4::block::compress(&batch.bytes, None, true).unwrap_or_default();
+        let packed = Batch {
+            channels: Vec::new(),
+            samples: batch.samples.clone(),
+            lost: batch.lost.clone(),
+            bytes,
+            ..*batch
+        };
+        self.waiting_bytes += packed.len_bytes();
+        self.waiting.push_back(packed);
+        self.forget(batch.now);
+    }
+
+    /// Forgets what is too old, or too much.
+    fn forget(&mut self, now: Timestamp) {
+        let begin = now.plus_seconds(-self.before_s);
+        let is_old = |oldest: &Batch| oldest.now < begin;
+        while self.waiting_bytes > BLACK_BOX_MAX || self.waiting.front().is_some_and(is_old) {
+            let Some(oldest) = self.waiting.pop_front() else {
+                break;
+            };
+            self.waiting_bytes -= oldest.len_bytes();
+        }
+    }
+}
+
+/// A batch that has waited, as it was.
+fn unpacked(mut batch: Batch) -> Option<Batch> {
+    batch.bytes = lz4::block::decompress(&batch.bytes, None).ok()?;
+    Some(batch)
+}
+
 /// A file that counts what is written.
 struct Counted {
     file: BufWriter<File>,
@@ -186,6 +280,9 @@ impl Seek for Counted {
 struct Files {
     series: FileSeries,
     about: BTreeMap<String, String>,
+    newest: PathBuf,
+    /// `None`: everything is written.
+    black_box: Option<BlackBox>,
     /// All channels so far: each file has them.
     channels: Vec<Channel>,
     open: Option<Open>,
@@ -200,6 +297,8 @@ struct Open {
     recording: Recording<Counted>,
     path: PathBuf,
     bytes: Arc<AtomicU64>,
+    /// How many of all channels it has.
+    channels: usize,
     flushed: Instant,
 }
 
@@ -221,6 +320,10 @@ impl Files {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
         }
+        self.close();
+    }
+
+    fn close(&mut self) {
         if let Some(open) = self.open.take()
             && let Err(error) = open.recording.finish()
         {
@@ -229,13 +332,29 @@ impl Files {
     }
 
     fn take(&mut self, batch: &Batch) {
-        let known = self.channels.len();
         self.channels.extend_from_slice(&batch.channels);
         self.missing.resize(self.channels.len(), 0);
+        if let Some(mut black_box) = self.black_box.take() {
+            let waited = black_box.take(batch);
+            let is_open = black_box.is_open(batch.now);
+            self.black_box = Some(black_box);
+            if !is_open {
+                self.close();
+                return;
+            }
+            for before in waited {
+                self.keep(&before);
+            }
+        }
+        self.keep(batch);
+    }
+
+    /// Writes a batch, or counts what is lost with it.
+    fn keep(&mut self, batch: &Batch) {
         let written = match self.retry_at {
             Some(at) if Instant::now() < at => false,
             _ => self
-                .write(batch, known)
+                .write(batch)
                 .map_or_else(|error| self.fail(&error), |()| true),
         };
         if !written {
@@ -248,7 +367,7 @@ impl Files {
         }
     }
 
-    fn write(&mut self, batch: &Batch, known: usize) -> McapResult<()> {
+    fn write(&mut self, batch: &Batch) -> McapResult<()> {
         let is_full = |open: &Open| self.series.is_full(open.bytes.load(Ordering::Relaxed));
         if self.open.as_ref().is_some_and(is_full)
             && let Some(open) = self.open.take()
@@ -257,8 +376,9 @@ impl Files {
         }
         let open = match &mut self.open {
             Some(open) => {
-                for channel in &self.channels[known..] {
+                for channel in &self.channels[open.channels..] {
                     open.recording.add(channel)?;
+                    open.channels += 1;
                 }
                 open
             }
@@ -301,10 +421,14 @@ impl Files {
             recording.add(channel)?;
         }
         tracing::info!("records into {}", path.display());
+        // Only for people who ask where it is.
+        let _was_none = std::fs::remove_file(&self.newest);
+        let _is_not_said = std::path::absolute(&path).and_then(|path| symlink(path, &self.newest));
         Ok(Open {
             recording,
             path,
             bytes,
+            channels: self.channels.len(),
             flushed: Instant::now(),
         })
     }

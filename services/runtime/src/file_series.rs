@@ -48,7 +48,7 @@ impl FileSeries {
 
     /// Whether a file of so many bytes is to be followed by another.
     pub fn is_full(&self, bytes: u64) -> bool {
-        self.max_bytes > 0 && bytes >= self.max_bytes / FILES
+        self.max_bytes > 0 && bytes >= file_bytes(self.max_bytes)
     }
 
     /// Removes the files that were written to longest ago, until the others leave room for one more.
@@ -96,6 +96,11 @@ impl FileSeries {
             }
         }
     }
+}
+
+/// How much of the limit of all one file may have (bytes).
+pub fn file_bytes(max_bytes: u64) -> u64 {
+    max_bytes / FILES
 }
 
 /// Microseconds since 1970.

@@ -198,18 +198,39 @@ impl Instance {
         self.folder().join("parameters_at_start.toml")
     }
 
-    /// Where the processes' logs are: in memory while the instance is up, or a link to the folder on a disk that this run has.
+    /// Where the processes' logs are, in memory.
     pub fn log_folder(&self) -> PathBuf {
         self.folder().join("log")
     }
 
-    /// The same for people: what a link leads to.
-    pub fn log_place(&self) -> PathBuf {
-        let folder = self.log_folder();
-        folder.canonicalize().unwrap_or(folder)
+    /// A link to the folder on a disk to which they are carried, where there is one ([`crate::spool`]).
+    pub fn log_on_disk(&self) -> PathBuf {
+        self.folder().join("log_on_disk")
     }
 
-    /// Whether the logs have a folder with room in it.
+    /// A link to the file that the recorder writes, or has written last.
+    pub fn recording(&self) -> PathBuf {
+        self.folder().join("recording")
+    }
+
+    /// A file that is made to ask the recorder to keep the last seconds.
+    pub fn recording_asked(&self) -> PathBuf {
+        self.folder().join("recording.asked")
+    }
+
+    /// Where people find the logs: on the disk, or else in memory.
+    pub fn log_place(&self) -> PathBuf {
+        self.log_on_disk()
+            .canonicalize()
+            .unwrap_or_else(|_| self.log_folder())
+    }
+
+    /// Where files wait that are wanted on a disk ([`crate::spool`]).
+    pub fn spool(&self) -> PathBuf {
+        self.folder().join("spool")
+    }
+
+    /// Whether there is room in memory for the logs.
     pub fn logs_have_room(&self) -> bool {
         let free = rustix::fs::statvfs(self.log_folder()).map(|system| system.f_bavail * system.f_frsize);
         free.is_ok_and(|bytes| bytes >= LOG_ROOM_BYTES)
@@ -275,7 +296,12 @@ impl Instance {
     /// # Errors
     /// The first file that could not be removed.
     pub fn wipe(&self) -> std::io::Result<()> {
-        for folder in [self.run_config(), self.iceoryx_root(), self.log_folder()] {
+        for folder in [
+            self.run_config(),
+            self.iceoryx_root(),
+            self.log_folder(),
+            self.spool(),
+        ] {
             // A command that looks at the instance may be making files in it: in a folder of another name it makes none.
             let aside = folder.with_extension("gone");
             unless_gone(&aside, std::fs::remove_dir_all(&aside))?;
@@ -288,6 +314,7 @@ impl Instance {
             self.params_at_start(),
             self.proven_profile(),
             self.flight_record(),
+            self.log_on_disk(),
         ] {
             unless_gone(&file, std::fs::remove_file(&file))?;
         }

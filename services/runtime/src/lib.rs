@@ -60,6 +60,7 @@
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`descriptors`] | room for open files, made before there are threads |
 //! | [`logging`] | `tracing` for people and for journals |
+//! | [`spool`] | what is written for a disk goes through memory, so that a disk that hangs hangs nobody |
 //! | [`file_series`] | files of one kind in a folder, limited together |
 
 pub mod cleanup;
@@ -92,6 +93,7 @@ pub mod serial;
 pub mod service;
 pub mod session;
 mod setup;
+pub mod spool;
 mod transport;
 
 pub use jink_config as config;

@@ -14,6 +14,8 @@ pub const JINK: &str = "jink";
 pub const LAB: &str = "jink-lab";
 /// The program that renders sensors and flies emulated vehicles, in [`LAB`].
 pub const SIMULATOR: &str = "jink-simulator";
+/// The program that writes to disks, in [`JINK`].
+pub const RECORDER: &str = "jink-recorder";
 /// The programs in [`JINK`].
 pub const IN_JINK: [&str; 13] = [
     "jink-supervisor",
@@ -24,7 +26,7 @@ pub const IN_JINK: [&str; 13] = [
     "jink-mavlink-gateway",
     "jink-parameter-server",
     "jink-ground-services",
-    "jink-recorder",
+    RECORDER,
     "jink-rangefinder-driver",
     "jink-depth-driver",
     "jink-lidar-driver",

@@ -7,7 +7,7 @@
 //! | `program` | - | one of jink's programs, a file beside jink, or an absolute path |
 //! | `arguments` | `[]` | arguments of this kind of service after `--` |
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
-//! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered), `"recording"` (`[recorder]` of `jink.toml` names a folder) |
+//! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered), `"recording"` (recordings, logs or telemetry logs have a folder on a disk) |
 //! | `per_sensor` | none | one process for each `[[sensor]]` of this kind that has a `device`; its name stands for `{sensor}` in `name` and `arguments` |
 //! | `publishes`, `reads` | none | topics that a process called `user_...` may use besides what is open to everybody ([`Foreign`]) |
 //! | `output` | `false` | it sends to the autopilot: `on_failure = "stop_output"` stops it |
@@ -36,7 +36,7 @@ use jink_runtime::config::{
     Config, ConfigError, Foreign, Grants, PROCESS_FILE, Sensor, all_mistakes, line_of, of_sensor, parse_toml,
     plugged_in, read,
 };
-use jink_runtime::{Instance, programs};
+use jink_runtime::{Instance, programs, spool};
 use jink_shared_types::topics::FINGERPRINT;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -75,7 +75,7 @@ pub enum When {
     SimulatedVehicle,
     /// Where sensors are rendered, around the simulated or an external vehicle.
     VirtualWorld,
-    /// Where the configuration names a folder for recordings.
+    /// Where something is to be kept on a disk: recordings, logs, telemetry logs.
     Recording,
 }
 
@@ -87,7 +87,7 @@ impl When {
             Self::Real => mode == Mode::Real,
             Self::SimulatedVehicle => mode == Mode::SimulatedVehicle,
             Self::VirtualWorld => mode != Mode::Real,
-            Self::Recording => config.recorder.folder.is_some(),
+            Self::Recording => config.recorder.folder.is_some() || spool::is_wanted(config),
         }
     }
 }
@@ -238,6 +238,17 @@ impl ProcessTable {
     pub fn select(&self, mode: Mode, folder: &Path, config: &Config) -> Result<Vec<ProcessRow>, ConfigError> {
         let (selected, mistakes) = self.select_all(mode, folder, config);
         mistakes.into_iter().next().map_or(Ok(selected), Err)
+    }
+
+    /// Why logs stay in memory until the end of the run although `config` has a folder for them: none of `rows` carries them.
+    pub fn nobody_carries(rows: &[ProcessRow], config: &Config) -> Option<String> {
+        let carries = |row: &ProcessRow| row.program_name == programs::RECORDER;
+        (spool::is_wanted(config) && !rows.iter().any(carries)).then(|| {
+            format!(
+                "no row has the program {}, which carries logs to the disk: they stay in memory until the end",
+                programs::RECORDER
+            )
+        })
     }
 
     /// Every mistake of `services.toml` in `config_folder`, with the rows that [`Self::select`] would give, wrong ones among them.

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod a_bad_candidate_never_gets_to_fly;
+mod a_disk_that_hangs_is_not_felt;
 mod a_killed_guard_leaves_the_pilot_safe;
 mod a_killed_service_is_not_felt;
 mod a_link_is_examined_before_the_flight;

@@ -16,8 +16,8 @@ use tracing::Level;
 /// Which lines to show.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Logs are kept in log_dir of jink.toml, or in /var/log/jink under deploy/jink.service, a folder for each run; without either they
-are in memory and gone with `jink down`.
+Of a run that goes on, what is in memory is shown: of each service the last megabyte at least. Logs are kept in log_dir of jink.toml, or
+in /var/log/jink under deploy/jink.service, a folder for each run; without either they are gone with `jink down`.
 
 Exit codes: 0 shown; 1 there are no such logs.")]
 pub struct Args {
@@ -77,12 +77,16 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
 
 /// The folder of the run that is asked for.
 fn run_folder(instance: &Instance, args: &Args) -> Result<PathBuf, Problem> {
-    let current = instance.log_place();
-    // A link to the disk leads to the last run.
+    // Of a run that goes on, what is in memory: its disk may be what is wrong.
+    let current = match instance.log_folder() {
+        in_memory if in_memory.is_dir() => in_memory,
+        _ => instance.log_place(),
+    };
     if current.is_dir() && args.before == 0 {
         return Ok(current);
     }
-    let of_a_link = current.parent().filter(|_| instance.log_folder().is_symlink());
+    let on_disk = instance.log_on_disk().canonicalize().ok();
+    let of_a_link = on_disk.as_deref().and_then(Path::parent);
     let mut places: Vec<PathBuf> = of_a_link.map(Path::to_owned).into_iter().collect();
     let config = places::config_folder(args.config.as_deref()).ok();
     let config = config.and_then(|folder| Config::load(&folder).ok());

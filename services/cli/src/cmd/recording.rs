@@ -1,7 +1,7 @@
 //! `jink recording`: what recordings hold.
 
 use jink_cli::view::recording::{CsvTable, Overview};
-use jink_control::{Problem, places, sayln};
+use jink_control::{EXIT_NOT_RUNNING, Problem, places, running, sayln};
 use jink_recorder::reading::{Ends, Message, ReadError, Reading};
 use jink_runtime::Instance;
 use jink_runtime::config::Config;
@@ -22,7 +22,7 @@ enum Subcommand {
     /// List the recordings of a folder
     #[command(after_help = "Exit codes: 0 shown; 1 there is no such folder.")]
     Ls {
-        /// The folder; without it that of [recorder] in jink.toml
+        /// The folder; without it recorder.folder of jink.toml, else that of demonstrations
         folder: Option<PathBuf>,
         /// Configuration folder, for an instance that is not running; without it ./config, /etc/jink or that of the checkout
         #[arg(long, value_name = "DIR")]
@@ -37,6 +37,9 @@ enum Subcommand {
         #[arg(long)]
         json: bool,
     },
+    /// Keep the last seconds, where the recorder writes only what is before and after an event (before_event_s in jink.toml)
+    #[command(after_help = "Exit codes: 0 asked for; 1 nothing is recorded; 3 nothing is running.")]
+    Keep,
     /// Write the samples of a topic as a CSV table, a line for each
     #[command(after_help = "\
 Columns are named as fields are by `jink topic echo --json`; lists of more than 16 elements are left out.
@@ -60,6 +63,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             ls(&recordings_of(instance, folder.as_deref(), config.as_deref())?)
         }
         Subcommand::Info { file, json } => info(file, *json),
+        Subcommand::Keep => keep(instance),
         Subcommand::Export { file, topic, csv } => export(file, topic, csv.as_deref()),
     }
 }
@@ -80,7 +84,8 @@ fn recordings_of(
     let running = Some(instance.run_config()).filter(|folder| config.is_none() && folder.is_dir());
     let config = running.map_or_else(|| places::config_folder(config), Ok)?;
     let config = Config::load(&config).map_err(|error| Problem::Other(error.to_string()))?;
-    config.recorder.folder.ok_or_else(|| {
+    let folder = config.recorder.folder.or_else(places::recordings_folder);
+    folder.ok_or_else(|| {
         Problem::Other(
             "nothing is recorded: [recorder] of jink.toml names no folder; name one here".to_owned(),
         )
@@ -103,6 +108,27 @@ fn ls(folder: &Path) -> Result<ExitCode, Problem> {
     }
     if files.is_empty() {
         sayln!("{}: no recordings", folder.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The recorder looks for the file twice a second.
+fn keep(instance: &Instance) -> Result<ExitCode, Problem> {
+    if running::find(instance)?.is_none() {
+        eprintln!("jink {instance}: not running");
+        return Ok(ExitCode::from(EXIT_NOT_RUNNING));
+    }
+    let config = Config::load(&instance.run_config()).map_err(|error| Problem::Other(error.to_string()))?;
+    if config.recorder.folder.is_none() {
+        return Err(Problem::Other(format!(
+            "jink {instance}: nothing is recorded: [recorder] of jink.toml names no folder"
+        )));
+    }
+    let file = instance.recording_asked();
+    std::fs::write(&file, "").map_err(Problem::io(file.display().to_string()))?;
+    match config.recorder.before_event_s {
+        Some(before_s) => sayln!("asked for: the last {before_s} s, and as much from now on"),
+        None => sayln!("everything is recorded anyway"),
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -6,7 +6,7 @@ use jink_mavlink_link::link::{Link, LinkError};
 use jink_mavlink_link::links::{LinkSetup, Links, SetupCause};
 use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::{Ports, StartError, config};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// What is wrong with the links of a configuration: the table, its key, and the sentence.
@@ -82,11 +82,7 @@ pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
         .map_err(needs(senders.display().to_string()))?;
     if !settings.tlog.is_empty() {
         let max_bytes = u64::from(settings.tlog_max_mb) * 1_000_000;
-        links.record(Tlog::begin(
-            Path::new(&settings.tlog),
-            setup.generation,
-            max_bytes,
-        ));
+        links.record(Tlog::begin(&setup.instance.spool(), setup.generation, max_bytes));
     }
     Ok(links)
 }

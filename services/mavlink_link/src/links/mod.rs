@@ -172,7 +172,6 @@ impl Links {
     pub fn record(&mut self, log: std::io::Result<Tlog>) {
         match log {
             Ok(log) => {
-                tracing::info!("telemetry log: {}", log.path().display());
                 self.shared.log = Some(log);
                 self.shared.telemetry_log = TelemetryLog::Written;
             }
@@ -329,7 +328,11 @@ impl Links {
 
     /// What has changed about the links since the last call.
     pub fn take_events(&mut self) -> impl Iterator<Item = EventSample> {
-        if self.shared.log.take_if(|log| log.has_failed()).is_some() {
+        if let Some(log) = self.shared.log.take_if(|log| log.failure().is_some()) {
+            tracing::error!(
+                "the telemetry log ends here: {}",
+                log.failure().unwrap_or_default()
+            );
             self.lose_log();
         }
         self.events.drain(..)

@@ -263,6 +263,17 @@ fn each_mode_has_its_processes_and_arguments() {
     );
 }
 
+#[test]
+fn logs_that_nobody_carries_to_the_disk_are_said() {
+    let config = Config::parse(Path::new("jink.toml"), "log_dir = \"/var/log/jink\"\n").unwrap();
+    let row = "[[process]]\nname = \"recorder\"\nprogram = \"/bin/jink-recorder\"\n";
+    let (with, without) = (parse(row).rows, parse(SHORT).rows);
+    let why = ProcessTable::nobody_carries(&without, &config).unwrap();
+    assert!(why.contains("jink-recorder"), "{why}");
+    assert_eq!(ProcessTable::nobody_carries(&with, &config), None);
+    assert_eq!(ProcessTable::nobody_carries(&without, &Config::default()), None);
+}
+
 /// A configuration with rangefinders that are plugged in, and one that the autopilot has.
 fn sensors(names: &[&str]) -> Config {
     let plugged: String = names

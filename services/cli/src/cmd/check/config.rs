@@ -8,7 +8,7 @@ use jink_control::{Problem, places};
 use jink_mavlink_gateway::check_links;
 use jink_mavlink_gateway::ranges::{RangeSources, SensorTable as OverMavlink};
 use jink_runtime::config::sensor_table::SensorTable;
-use jink_runtime::config::{CONFIG_FILE, Config, ConfigError, Examined};
+use jink_runtime::config::{CONFIG_FILE, Config, ConfigError, Examined, PROCESS_FILE};
 use jink_runtime::programs;
 use jink_supervisor::table::{Mode, ProcessRow, ProcessTable};
 use serde_json::Map;
@@ -138,11 +138,18 @@ fn mistakes(args: &Args, folder: &Path) -> Result<Vec<ConfigError>, Problem> {
         );
     }
     let programs = places::program_folder()?;
-    let (rows, of_rows) = ProcessTable::examine(folder, args.mode(), &programs, &config);
+    let (rows, of_rows) = ProcessTable::examine(folder, args.mode(), &programs, config);
     for row in &rows {
         mistakes.extend(of_driver(row, &examined));
     }
     mistakes.extend(of_rows);
+    mistakes.extend(
+        ProcessTable::nobody_carries(&rows, config).map(|message| ConfigError {
+            file: folder.join(PROCESS_FILE),
+            line: 0,
+            message,
+        }),
+    );
     let simulator = rows.iter().find(|row| row.program_name == programs::SIMULATOR);
     if let Some(row) = simulator {
         let mut command = programs::command(&row.program, &row.program_name);

@@ -122,12 +122,18 @@ impl InstanceLock {
     /// Removes everything the instance left in memory, logs included.
     pub fn clear(&self) -> std::io::Result<()> {
         self.is_cleared.set(true);
+        let _was_none = std::fs::remove_file(self.instance.recording());
         self.instance.wipe()
     }
 
     /// Removes everything but the logs.
     pub fn clear_but_logs(&self) -> std::io::Result<()> {
-        let logs = self.instance.log_folder();
+        // Where they are on a disk, the link to them is what is left.
+        let on_disk = self.instance.log_on_disk();
+        let logs = match on_disk.is_symlink() {
+            true => on_disk,
+            false => self.instance.log_folder(),
+        };
         let aside = logs.with_extension("kept");
         std::fs::rename(&logs, &aside)?;
         self.instance.wipe()?;

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`instance_lock`] | the lock that makes a supervisor the only one of its instance; removing the instance's memory |
 //! | [`record`] | which processes were started, for the supervisor after a killed one |
-//! | [`children`], [`log_file`], [`run_logs`] | starting, signalling, reaping; what the processes write, and where |
+//! | [`children`], [`log_file`] | starting, signalling, reaping; what the processes write |
 //! | [`cores`] | whether a core runs at all, as a virtual one may not |
 //! | [`requests`] | requests of the command line |
 //! | [`post_mortem`] | how a process ended, for later queries |
@@ -21,7 +21,6 @@ mod notify;
 mod post_mortem;
 mod record;
 mod requests;
-mod run_logs;
 mod sweeper;
 mod system;
 mod upgrade;
@@ -35,24 +34,28 @@ use instance_lock::InstanceLock;
 use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE, Resolved, process_names};
 use jink_runtime::room::Need;
 use jink_runtime::service::EXIT_CANNOT_START;
+use jink_runtime::spool::Carrier;
 use jink_runtime::{Instance, ParamStore, Session};
 use jink_shared_types::Timestamp;
 use log_file::LogFile;
 use notify::Notifier;
 use record::{ProcessRecord, SurvivingProcess};
 use requests::Requests;
-use run_logs::RunLogs;
 use rustix::process::{Signal, pidfd_send_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 use sweeper::Sweeper;
 use system::{Report, System};
 
 /// A process was given up whose row says that the system then stops (EX_SOFTWARE of sysexits.h).
 const EXIT_GAVE_UP: u8 = 70;
+
+/// How long the end of a run waits for the disk: what an SD card takes when it tidies up.
+const CARRY_PATIENCE: Duration = Duration::from_secs(5);
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -92,6 +95,7 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
         }
     };
     let code = conclude(run.end, &run.report.reason);
+    carry_the_rest(run.carrier);
     // Of a start that could not be, all has been said.
     if !has_failed && (args.keep_logs || run.report.any_failed || run.end != End::Stopped) {
         lock.clear_but_logs()?;
@@ -112,10 +116,26 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     Ok(code)
 }
 
+/// Carries to the disk what is still in memory, unless the disk hangs.
+fn carry_the_rest(mut carrier: Carrier) {
+    let (done, carried) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let not_carried = carrier.carry();
+        for why in [not_carried.logs, not_carried.tlog].into_iter().flatten() {
+            tracing::error!("not on the disk: {why}");
+        }
+        // Nobody waits any more where it has taken too long.
+        let _nobody_waits = done.send(());
+    });
+    let _hangs = carried.recv_timeout(CARRY_PATIENCE);
+}
+
 /// How a run has ended.
 struct Run {
     end: End,
     report: Report,
+    /// For what has been written since the recorder ended, or without one.
+    carrier: Carrier,
 }
 
 /// One run, to its end. Standard error is kept in `terminal` where the log goes into a file instead.
@@ -145,17 +165,14 @@ fn supervise(
         let rows = ProcessTable::load(&folder)?.select(args.mode, &programs, &config)?;
         (config, rows)
     };
-    let logs = match is_new {
-        true => RunLogs::begin(&args.instance, &config)?,
-        false => RunLogs::resume(&args.instance, &config)?,
-    };
+    std::fs::create_dir_all(args.instance.log_folder())?;
     if args.log_to_file {
         let mut log = LogFile::new(&args.instance, "supervisor");
         *terminal = Some(rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stderr(), 0)?);
         rustix::stdio::dup2_stderr(log.open()?)?;
     }
-    if let Some(why) = &logs.misplaced {
-        tracing::error!("the logs stay in memory: {why}");
+    if let Some(why) = ProcessTable::nobody_carries(&rows, &config) {
+        tracing::warn!("{why}");
     }
     let stop_signal = signals()?;
 
@@ -179,14 +196,18 @@ fn supervise(
         stop_signal,
         requests,
         Sweeper::start(&args.instance)?,
-        logs,
+        &args.instance,
     );
     if adopted > 0 {
         system.report_adopted(adopted);
     }
     let end = system.run();
     let report = system.into_report();
-    Ok(Run { end, report })
+    Ok(Run {
+        end,
+        report,
+        carrier: Carrier::new(&args.instance, &config),
+    })
 }
 
 /// The configuration that the command line asks for, and the processes of it.

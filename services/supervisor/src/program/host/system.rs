@@ -4,12 +4,12 @@ use super::children::Children;
 use super::notify::Notifier;
 use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
-use super::run_logs::RunLogs;
 use super::sweeper::Sweeper;
 use super::upgrade::{Trial, supervisor_in};
 use crate::shadow::{PROBATION_CYCLES, SwapProgress, SwapRefusal};
 use crate::shared::{PROGRAM, SupervisorTopics};
 use crate::supervision::{Action, End, Exit, Observation, Supervision};
+use jink_runtime::Instance;
 use jink_runtime::programs;
 use jink_runtime::request::{Answer, Request};
 use jink_shared_types::Timestamp;
@@ -27,6 +27,8 @@ use std::path::{Path, PathBuf};
 
 /// How often the logs are measured (s); in that time even a chatty process writes little against their limit.
 const LOGS_PERIOD_S: f64 = 1.0;
+/// A log that has grown beyond this is moved aside once (bytes): in memory all of them together take some 40 MB at most.
+const LOG_MAX_BYTES: u64 = 1 << 20;
 
 /// For whom a client waits that has asked for another supervisor.
 const UPGRADE: usize = usize::MAX;
@@ -53,7 +55,7 @@ pub struct System {
     requests: Requests,
     trial: Option<Trial>,
     upgrade: Option<PathBuf>,
-    logs: RunLogs,
+    instance: Instance,
     /// Whether what is written into them stays, as far as the pilot was told.
     logs_are_kept: bool,
     logs_due: Timestamp,
@@ -73,7 +75,7 @@ impl System {
         stop_signal: UnixStream,
         requests: Requests,
         sweeper: Sweeper,
-        logs: RunLogs,
+        instance: &Instance,
     ) -> Self {
         Self {
             supervision,
@@ -85,7 +87,7 @@ impl System {
             requests,
             trial: None,
             upgrade: None,
-            logs,
+            instance: instance.clone(),
             logs_are_kept: true,
             logs_due: Timestamp::NEVER,
             observations: Vec::with_capacity(4 * PROCESSES),
@@ -125,7 +127,7 @@ impl System {
             self.notifier.update(now, &self.supervision);
             if now >= self.logs_due {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
-                self.children.limit_logs(self.logs.file_max_bytes);
+                self.children.limit_logs(LOG_MAX_BYTES);
                 self.watch_logs(now);
                 self.shared.announce();
             }
@@ -188,9 +190,9 @@ impl System {
         self.requests.notify(process, &Answer { text, last, good });
     }
 
-    /// Reports when there is no room for logs any more, and when there is again: nobody reads that in a log.
+    /// Reports when there is no memory for logs any more, and when there is again: nobody reads that in a log.
     fn watch_logs(&mut self, now: Timestamp) {
-        let are_kept = self.logs.are_kept();
+        let are_kept = self.instance.logs_have_room();
         if self.logs_are_kept != are_kept {
             self.logs_are_kept = are_kept;
             let event = if are_kept {
@@ -404,7 +406,7 @@ impl System {
     fn log_ends(&mut self) {
         for report in self.dead.drain(..) {
             report.log();
-            if let Err(error) = report.write(&self.logs.instance) {
+            if let Err(error) = report.write(&self.instance) {
                 tracing::warn!("the post-mortem cannot be written: {error}");
             }
         }
