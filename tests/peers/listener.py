@@ -13,7 +13,7 @@ import math
 import select
 import socket
 import time
-from collections import Counter
+from collections import Counter, deque
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -78,8 +78,8 @@ class CompanionJudge:
         self.times = {}
         self.max_gap_s = 0.0
         self.requests = {}
-        # An instant of the autopilot's clock and when it was heard, ns.
-        self.autopilot_clock = None
+        # The autopilot's clock less ours, by its requests of the last second (ns): each was heard a little late.
+        self.autopilot_clock_ahead = deque(maxlen=10)
         self.answers = 0
         self.states = Counter()
         self.last_curve_s = None
@@ -89,7 +89,7 @@ class CompanionJudge:
     def note_request(self, message):
         if message.get_type() == "TIMESYNC" and message.tc1 == 0:
             self.requests[message.ts1] = time.monotonic_ns()
-            self.autopilot_clock = (message.ts1, time.monotonic_ns())
+            self.autopilot_clock_ahead.append(message.ts1 - time.monotonic_ns())
 
     def judge(self, message, now):
         kind = message.get_type()
@@ -135,11 +135,10 @@ class CompanionJudge:
         last = m.delta[n - 1]
         self.faults.check(finite(last) and 0.1 < last < 10.0, f"bezier: duration {last}")
         # The clock that TIMESYNC is answered with.
-        self.faults.check(self.autopilot_clock is not None, "bezier: before the autopilot's clock was heard")
-        if self.autopilot_clock is None:
+        self.faults.check(self.autopilot_clock_ahead, "bezier: before the autopilot's clock was heard")
+        if not self.autopilot_clock_ahead:
             return
-        at_ns, heard_ns = self.autopilot_clock
-        age_s = (at_ns + time.monotonic_ns() - heard_ns) * 1e-9 - m.time_usec * 1e-6
+        age_s = (time.monotonic_ns() + max(self.autopilot_clock_ahead)) * 1e-9 - m.time_usec * 1e-6
         self.faults.check(age_s >= 0.0, f"bezier: starts {-age_s:.3f} s in the future")
         self.faults.check(age_s < last, f"bezier: over {age_s - last:.3f} s before it arrived")
         speed = max(
