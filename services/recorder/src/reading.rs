@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 /// top. What a damaged file says of its sizes is taken from memory before it is looked at.
 const RECORD_MAX_BYTES: usize = 64 << 20;
 /// Where a file says what it is: header and metadata.
-const BEGIN_BYTES: u64 = 64 << 10;
+const BEGIN_BYTES: u64 = 1 << 20;
 
 /// Why a recording cannot be read.
 #[derive(Debug)]
@@ -62,6 +62,8 @@ pub struct Reading {
     is_whole: bool,
     /// The metadata record `jink`; empty if the file was cut off before it.
     pub about: BTreeMap<String, String>,
+    /// The attachments: what the instance was started with, as texts.
+    pub files: BTreeMap<String, String>,
 }
 
 /// One sample of a recording.
@@ -108,7 +110,7 @@ impl Reading {
         if len_bytes == 0 {
             return Err(ReadError::Empty(path.to_owned()));
         }
-        let mut about = BTreeMap::new();
+        let (mut about, mut files) = (BTreeMap::new(), BTreeMap::new());
         let records = LinearReader::new_with_options(&begin, Options::IgnoreEndMagic.into());
         let records = records.map_err(|_| ReadError::Foreign(path.to_owned()))?;
         let mut is_mcap = begin.starts_with(mcap::MAGIC);
@@ -120,8 +122,12 @@ impl Reading {
                 }
                 Ok(Record::Metadata(metadata)) if metadata.name == ENCODING => {
                     about = metadata.metadata;
-                    break;
                 }
+                Ok(Record::Attachment { header, data, .. }) => {
+                    files.insert(header.name, String::from_utf8_lossy(&data).into_owned());
+                }
+                // Behind those come samples.
+                Ok(Record::Schema { .. } | Record::Channel(_) | Record::Chunk { .. }) => break,
                 Ok(_) => {}
                 Err(_) if !is_mcap => return Err(ReadError::Foreign(path.to_owned())),
                 // What follows is read when it is asked for.
@@ -133,6 +139,7 @@ impl Reading {
             len_bytes,
             is_whole: end == mcap::MAGIC && len_bytes > 2 * mcap::MAGIC.len() as u64,
             about,
+            files,
         })
     }
 

@@ -3,7 +3,7 @@
 use jink_shared_types::layout::bytes_of;
 use jink_shared_types::{SampleHeader, Timestamp};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{Compression, McapResult, WriteOptions, Writer};
+use mcap::{Attachment, Compression, McapResult, WriteOptions, Writer};
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
@@ -26,6 +26,15 @@ pub struct Channel {
     pub payload_bytes: usize,
     /// Its layout as JSON; empty where only its producer knows it.
     pub schema: String,
+}
+
+/// What is said in each file besides its samples.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct About {
+    /// The metadata record `jink`.
+    pub facts: BTreeMap<String, String>,
+    /// Attachments: texts with their names.
+    pub files: BTreeMap<String, String>,
 }
 
 /// One sample.
@@ -57,16 +66,11 @@ impl<W: Write + Seek> std::fmt::Debug for Recording<W> {
 }
 
 impl<W: Write + Seek> Recording<W> {
-    /// Begins a file: at `now` of the board's clock it is `unix_ns` of the day. `about` goes into it as the metadata record `jink`.
+    /// Begins a file: at `now` of the board's clock it is `unix_ns` of the day.
     ///
     /// # Errors
     /// What the system says of the file.
-    pub fn begin(
-        file: W,
-        now: Timestamp,
-        unix_ns: u64,
-        about: &BTreeMap<String, String>,
-    ) -> McapResult<Self> {
+    pub fn begin(file: W, now: Timestamp, unix_ns: u64, about: &About) -> McapResult<Self> {
         let mut writer = WriteOptions::new()
             .profile(ENCODING)
             .library(concat!("jink ", env!("CARGO_PKG_VERSION")))
@@ -75,13 +79,22 @@ impl<W: Write + Seek> Recording<W> {
             // It would be that of the whole file, which may have any length.
             .calculate_data_section_crc(false)
             .create(file)?;
-        let mut metadata = about.clone();
+        let mut metadata = about.facts.clone();
         metadata.insert("monotonic_ns".to_owned(), now.ns.to_string());
         metadata.insert("unix_ns".to_owned(), unix_ns.to_string());
         writer.write_metadata(&Metadata {
             name: ENCODING.to_owned(),
             metadata,
         })?;
+        for (name, text) in &about.files {
+            writer.attach(&Attachment {
+                log_time: unix_ns,
+                create_time: unix_ns,
+                name: name.clone(),
+                media_type: "text/plain".to_owned(),
+                data: text.as_bytes().into(),
+            })?;
+        }
         let schema = writer.add_schema(LOST, "jsonschema", LOST_SCHEMA.as_bytes())?;
         let lost = writer.add_channel(schema, LOST, "json", &BTreeMap::new())?;
         Ok(Self {

@@ -1,7 +1,7 @@
 //! What is written is read again, whatever happens to the file.
 
 use crate::reading::{Ends, Message, ReadError, Reading};
-use crate::recording::{Channel, Kept, Recording};
+use crate::recording::{About, Channel, Kept, Recording};
 use crate::writer::{Batch, WriterThread};
 use jink_runtime::file_series::FileSeries;
 use jink_shared_types::layout::bytes_of;
@@ -37,7 +37,10 @@ type Read = (String, Vec<u8>, Vec<u8>);
 
 fn file_of(samples: &[(usize, Vec<u8>)]) -> Vec<u8> {
     let mut file = Vec::new();
-    let about = BTreeMap::from([("instance".to_owned(), "test".to_owned())]);
+    let about = About {
+        facts: BTreeMap::from([("instance".to_owned(), "test".to_owned())]),
+        files: BTreeMap::from([("jink.toml".to_owned(), "[params]\n".to_owned())]),
+    };
     let mut recording = Recording::begin(Cursor::new(&mut file), NOW, UNIX_NS, &about).unwrap();
     for number in 0..3 {
         recording.add(&channel(number)).unwrap();
@@ -168,6 +171,7 @@ fn times_of_the_day_lead_back_to_the_boards_clock() {
     );
     assert_eq!(reading.on_boards_clock(1), None);
     assert_eq!(reading.about["instance"], "test");
+    assert_eq!(reading.files["jink.toml"], "[params]\n");
 }
 
 fn folder(role: &str) -> PathBuf {
@@ -219,7 +223,7 @@ fn newest(folder: &Path) -> PathBuf {
 fn of_a_black_box_what_was_before_and_after_an_event_is_written_and_nothing_else() {
     let folder = folder("black_box");
     let series = FileSeries::new(&folder, "mcap", 1, 0);
-    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), Some(5.0)).unwrap();
+    let writer = WriterThread::begin(series, About::default(), newest(&folder), Some(5.0)).unwrap();
     for second in 0..100u64 {
         let mut batch = writer.batch();
         if second % 60 == 0 {
@@ -247,7 +251,7 @@ fn of_a_black_box_what_was_before_and_after_an_event_is_written_and_nothing_else
 fn a_file_that_is_full_is_followed_by_another_and_nothing_is_lost_between_them() {
     let folder = folder("rotation");
     let series = FileSeries::new(&folder, "mcap", 1, 20_000_000);
-    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), None).unwrap();
+    let writer = WriterThread::begin(series, About::default(), newest(&folder), None).unwrap();
     let mut all = Vec::new();
     for sequence in 0..3000u64 {
         let mut batch = Batch::default();
@@ -273,7 +277,7 @@ fn what_the_disk_is_too_slow_for_is_handed_back_and_new_channels_are_not() {
     // Nobody reads: as slow as a disk can be.
     let folder = folder("slow");
     let series = FileSeries::new(&folder, "mcap", 1, 0);
-    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), None).unwrap();
+    let writer = WriterThread::begin(series, About::default(), newest(&folder), None).unwrap();
     let huge = || {
         let mut batch = Batch::default();
         batch.push(0, &header(1), &vec![0; 49 << 20]);
@@ -294,7 +298,7 @@ fn a_disk_that_is_not_there_yet_is_waited_for() {
     let disk = folder("disk");
     let folder = disk.join("recordings");
     let series = FileSeries::new(&folder, "mcap", 1, 0);
-    let writer = WriterThread::begin(series, BTreeMap::new(), newest(&folder), None).unwrap();
+    let writer = WriterThread::begin(series, About::default(), newest(&folder), None).unwrap();
     let mut batch = Batch::default();
     batch.channels.push(channel(0));
     batch.push(0, &header(1), &[1, 2, 3]);

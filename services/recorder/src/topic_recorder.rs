@@ -1,10 +1,10 @@
 //! Looks at every topic fifty times a second, and hands what it finds to the thread that writes.
 
 use crate::layouts::Layout;
-use crate::recording::Channel;
+use crate::recording::{About, Channel};
 use crate::schema::{self, Schema};
 use crate::writer::{Batch, WriterThread};
-use jink_runtime::config::Foreign;
+use jink_runtime::config::{CONFIG_FILE, Foreign, PROCESS_FILE};
 use jink_runtime::file_series::FileSeries;
 use jink_runtime::members::Members;
 use jink_runtime::session::RawInput;
@@ -22,6 +22,8 @@ const OPEN_PERIOD_S: f64 = 0.5;
 const ASKED_PERIOD_S: f64 = 0.5;
 /// How often samples that are not there are said (s).
 const LOST_PERIOD_S: f64 = 1.0;
+/// What the parameters at the start of the instance are called in a recording.
+const PARAMETERS_FILE: &str = "parameters_at_start.toml";
 /// Bytes that are handed over at once: fewer are kept for the next look, so that the thread is not woken for each.
 const HANDED_BYTES: usize = 256 << 10;
 /// The longest that they are kept (s).
@@ -93,11 +95,22 @@ impl TopicRecorder {
             .chain(foreign.topics.iter().map(|row| (*row, row.name.to_owned())))
             .collect();
         let session = Session::open(&setup.instance, program)?.with(&foreign);
-        let about = BTreeMap::from([
-            ("instance".to_owned(), setup.instance.to_string()),
-            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-            ("topics".to_owned(), format!("{FINGERPRINT:016x}")),
-        ]);
+        let started_with = [
+            (CONFIG_FILE, setup.config.join(CONFIG_FILE)),
+            (PROCESS_FILE, setup.config.join(PROCESS_FILE)),
+            (PARAMETERS_FILE, setup.instance.params_at_start()),
+        ];
+        let about = About {
+            facts: BTreeMap::from([
+                ("instance".to_owned(), setup.instance.to_string()),
+                ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+                ("topics".to_owned(), format!("{FINGERPRINT:016x}")),
+            ]),
+            files: started_with
+                .into_iter()
+                .filter_map(|(name, path)| Some((name.to_owned(), std::fs::read_to_string(path).ok()?)))
+                .collect(),
+        };
         let writer = WriterThread::begin(series, about, setup.instance.recording(), recorder.before_event_s)
             .map_err(|error| StartError::Needs {
                 what: "a thread that writes".to_owned(),

@@ -1,10 +1,10 @@
 //! The thread that writes: what it cannot write in time is left out.
 
-use crate::recording::{Channel, Kept, Recording};
+use crate::recording::{About, Channel, Kept, Recording};
 use jink_runtime::file_series::{FileSeries, unix_us};
 use jink_shared_types::{SampleHeader, Timestamp};
 use mcap::{McapError, McapResult};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::os::unix::fs::symlink;
@@ -107,7 +107,7 @@ impl WriterThread {
     /// The system's about the thread.
     pub fn begin(
         series: FileSeries,
-        about: BTreeMap<String, String>,
+        about: About,
         newest: PathBuf,
         before_event_s: Option<f64>,
     ) -> std::io::Result<Self> {
@@ -279,7 +279,7 @@ impl Seek for Counted {
 /// The side of the thread.
 struct Files {
     series: FileSeries,
-    about: BTreeMap<String, String>,
+    about: About,
     newest: PathBuf,
     /// `None`: everything is written.
     black_box: Option<BlackBox>,

@@ -74,6 +74,17 @@ fn every_sample_that_the_topics_count_is_there() {
     ));
     let ours: Value = serde_json::from_str(&ours.stdout).unwrap_or_else(|_| panic!("{ours:?}"));
     assert_eq!(ours["cut_off"], false, "{ours}");
+    let (recording, config) = (files[0].to_str().unwrap(), folder.path().join("config"));
+    let config = config.to_str().unwrap();
+    let written = answer(&mut program("jink", &["recording", "config", recording, config]));
+    assert_eq!(written.code, Some(0), "{written:?}");
+    let checked = answer(&mut program(
+        "jink",
+        &["check", "config", "--config", config, "--world", "forest"],
+    ));
+    assert_eq!(checked.code, Some(0), "{checked:?}");
+    let again = answer(&mut program("jink", &["recording", "config", recording, config]));
+    assert_eq!(again.code, Some(1), "nothing is overwritten: {again:?}");
     let Some(python) = peers::python_or_say(&MCAP) else {
         return;
     };

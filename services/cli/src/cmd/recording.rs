@@ -37,6 +37,16 @@ enum Subcommand {
         #[arg(long)]
         json: bool,
     },
+    /// Write the configuration that a recorded flight was started with into a folder, e.g. to fly it again with --config
+    #[command(
+        after_help = "Exit codes: 0 written; 1 the file is no recording of jink, holds no configuration, or the folder holds one."
+    )]
+    Config {
+        /// The recording
+        file: PathBuf,
+        /// The folder, made if it is not there
+        folder: PathBuf,
+    },
     /// Keep the last seconds, where the recorder writes only what is before and after an event (before_event_s in jink.toml)
     #[command(after_help = "Exit codes: 0 asked for; 1 nothing is recorded; 3 nothing is running.")]
     Keep,
@@ -63,6 +73,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             ls(&recordings_of(instance, folder.as_deref(), config.as_deref())?)
         }
         Subcommand::Info { file, json } => info(file, *json),
+        Subcommand::Config { file, folder } => write_config(file, folder),
         Subcommand::Keep => keep(instance),
         Subcommand::Export { file, topic, csv } => export(file, topic, csv.as_deref()),
     }
@@ -99,7 +110,12 @@ fn ls(folder: &Path) -> Result<ExitCode, Problem> {
         .map(|entry| entry.path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
         .collect();
-    files.sort();
+    // Two that were begun in one second have names in no order.
+    files.sort_by_key(|file| {
+        std::fs::metadata(file)
+            .and_then(|metadata| metadata.modified())
+            .ok()
+    });
     for file in &files {
         match Reading::open(file) {
             Ok(reading) => sayln!("{}  {}", file.display(), Overview::of(&reading).line()),
@@ -108,6 +124,26 @@ fn ls(folder: &Path) -> Result<ExitCode, Problem> {
     }
     if files.is_empty() {
         sayln!("{}: no recordings", folder.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn write_config(file: &Path, folder: &Path) -> Result<ExitCode, Problem> {
+    let reading = Reading::open(file).map_err(|error| other(&error))?;
+    if reading.files.is_empty() {
+        return Err(Problem::Other(format!(
+            "{}: holds no configuration",
+            file.display()
+        )));
+    }
+    let problem = |path: &Path| Problem::io(path.display().to_string());
+    std::fs::create_dir_all(folder).map_err(problem(folder))?;
+    for (name, text) in &reading.files {
+        // A name of a recording leads nowhere else.
+        let path = folder.join(Path::new(name).file_name().unwrap_or_default());
+        let mut new = File::create_new(&path).map_err(problem(&path))?;
+        new.write_all(text.as_bytes()).map_err(problem(&path))?;
+        sayln!("{}", path.display());
     }
     Ok(ExitCode::SUCCESS)
 }
