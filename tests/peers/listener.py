@@ -78,7 +78,7 @@ class CompanionJudge:
         self.times = {}
         self.max_gap_s = 0.0
         self.requests = {}
-        # The autopilot's clock less ours, by its requests of the last second (ns): each was heard a little late.
+        # The autopilot's clock less ours, by its requests of the last second (ns): each is received a little late.
         self.autopilot_clock_ahead = deque(maxlen=10)
         self.answers = 0
         self.states = Counter()
@@ -135,7 +135,7 @@ class CompanionJudge:
         last = m.delta[n - 1]
         self.faults.check(finite(last) and 0.1 < last < 10.0, f"bezier: duration {last}")
         # The clock that TIMESYNC is answered with.
-        self.faults.check(self.autopilot_clock_ahead, "bezier: before the autopilot's clock was heard")
+        self.faults.check(self.autopilot_clock_ahead, "bezier: before any TIMESYNC of the autopilot")
         if not self.autopilot_clock_ahead:
             return
         age_s = (time.monotonic_ns() + max(self.autopilot_clock_ahead)) * 1e-9 - m.time_usec * 1e-6

@@ -4,12 +4,13 @@ use jink_runtime::Instance;
 use jink_runtime::config::Config;
 use jink_runtime::spool::{self, Carrier};
 use jink_shared_types::events::{EventSample, LOGS_KEPT, LOGS_LOST};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 /// How often it is carried: what a failing power supply takes of the logs.
 const PERIOD: Duration = Duration::from_millis(500);
-/// A disk that takes longer is said: an SD card that tidies up needs a second or two.
+/// A disk that takes longer is reported: an SD card that tidies up needs a second or two.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// What the thread found last.
@@ -24,8 +25,10 @@ struct Carried {
 pub struct CarrierThread {
     /// `None`: there is nothing to carry.
     last: Option<Arc<Mutex<Carried>>>,
-    /// As far as it was said.
+    /// As far as it was reported.
     logs_are_lost: bool,
+    /// The file by which `jink status` knows it.
+    marker: PathBuf,
 }
 
 impl CarrierThread {
@@ -34,24 +37,25 @@ impl CarrierThread {
     /// # Errors
     /// The system's about the thread.
     pub fn begin(instance: &Instance, config: &Config) -> std::io::Result<Self> {
-        if !spool::is_wanted(config) {
-            return Ok(Self {
-                last: None,
+        let mut thread = Self {
+            last: None,
+            logs_are_lost: false,
+            marker: instance.logs_lost(),
+        };
+        // The recorder before this one may have left it.
+        let _was_none = std::fs::remove_file(&thread.marker);
+        if spool::is_wanted(config) {
+            let last = Arc::new(Mutex::new(Carried {
+                at: Instant::now(),
                 logs_are_lost: false,
-            });
+            }));
+            let (carrier, report) = (Carrier::new(instance, config), Arc::downgrade(&last));
+            std::thread::Builder::new()
+                .name("carrier".to_owned())
+                .spawn(move || run(carrier, &report))?;
+            thread.last = Some(last);
         }
-        let last = Arc::new(Mutex::new(Carried {
-            at: Instant::now(),
-            logs_are_lost: false,
-        }));
-        let (carrier, told) = (Carrier::new(instance, config), Arc::downgrade(&last));
-        std::thread::Builder::new()
-            .name("carrier".to_owned())
-            .spawn(move || run(carrier, &told))?;
-        Ok(Self {
-            last: Some(last),
-            logs_are_lost: false,
-        })
+        Ok(thread)
     }
 
     /// That logs are lost, or kept again, if that is new.
@@ -61,28 +65,38 @@ impl CarrierThread {
         if std::mem::replace(&mut self.logs_are_lost, are_lost) == are_lost {
             return None;
         }
-        let event = if are_lost { &LOGS_LOST } else { &LOGS_KEPT };
+        let (event, marked) = match are_lost {
+            true => (
+                &LOGS_LOST,
+                std::fs::create_dir_all(self.marker.parent()?)
+                    .and_then(|()| std::fs::write(&self.marker, "")),
+            ),
+            false => (&LOGS_KEPT, std::fs::remove_file(&self.marker)),
+        };
+        if let Err(error) = marked {
+            tracing::warn!("{}: {error}", self.marker.display());
+        }
         Some(EventSample::new(event, "", [0.0; 2]))
     }
 }
 
-/// Until nobody listens any more: the process does not wait for a disk when it ends.
-fn run(mut carrier: Carrier, told: &Weak<Mutex<Carried>>) {
-    // Of this thread alone. Whoever may not be polite writes all the same.
+/// Carries until the service has dropped its side: the process does not wait for a disk when it ends.
+fn run(mut carrier: Carrier, report: &Weak<Mutex<Carried>>) {
+    // Of this thread alone; where it is refused the thread writes all the same.
     let _refused = rustix::process::setpriority_process(None, 19);
-    let mut said = None;
-    while told.strong_count() > 0 {
+    let mut logged = None;
+    while report.strong_count() > 0 {
         let not_carried = carrier.carry();
         let why = not_carried.logs.clone().or(not_carried.tlog);
-        if why != said {
+        if why != logged {
             match &why {
                 Some(why) => tracing::error!("not on the disk: {why}"),
                 None => tracing::info!("on the disk again"),
             }
-            said = why;
+            logged = why;
         }
-        if let Some(told) = told.upgrade() {
-            *told.lock().unwrap_or_else(PoisonError::into_inner) = Carried {
+        if let Some(report) = report.upgrade() {
+            *report.lock().unwrap_or_else(PoisonError::into_inner) = Carried {
                 at: Instant::now(),
                 logs_are_lost: not_carried.logs.is_some(),
             };
@@ -110,15 +124,19 @@ mod tests {
             ..Config::default()
         };
         let mut carrier = CarrierThread::begin(&instance, &config).unwrap();
+        let begin = std::time::Instant::now();
         let mut next = || loop {
             if let Some(event) = carrier.judge() {
                 return event.id;
             }
+            assert!(begin.elapsed().as_secs() < 60, "nothing is reported");
             std::thread::sleep(std::time::Duration::from_millis(10));
         };
         assert_eq!(next(), LOGS_LOST.id);
+        assert!(instance.logs_lost().exists());
         std::fs::create_dir(&place).unwrap();
         assert_eq!(next(), LOGS_KEPT.id);
+        assert!(!instance.logs_lost().exists());
         let run = place.join("logs").join(&name).join("000001/planner.log");
         assert_eq!(std::fs::read_to_string(run).unwrap(), "a line\n");
         std::fs::remove_dir_all(place).unwrap();

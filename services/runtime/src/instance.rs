@@ -230,6 +230,11 @@ impl Instance {
         self.folder().join("spool")
     }
 
+    /// A file that is there while the recorder cannot carry the logs to their disk.
+    pub fn logs_lost(&self) -> PathBuf {
+        self.spool().join("logs.lost")
+    }
+
     /// Whether there is room in memory for the logs.
     pub fn logs_have_room(&self) -> bool {
         let free = rustix::fs::statvfs(self.log_folder()).map(|system| system.f_bavail * system.f_frsize);

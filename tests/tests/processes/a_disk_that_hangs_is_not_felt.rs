@@ -92,6 +92,8 @@ fn logs_telemetry_log_and_recordings_are_on_it() {
         recorder_says("jink: no room for logs")
     });
     assert_eq!(flight.status()["link"]["avoidance"], "active");
+    let table = flight.jink(&["status"]).stdout;
+    assert!(table.contains("logs: full"), "{table}");
     assert!(disk.freeze("--unfreeze"));
     until("logs on the disk", || recorder_says("jink: logs are kept again"));
     let figures = flight.end();

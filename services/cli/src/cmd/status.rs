@@ -69,7 +69,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     )
     .with_space(known)
     .with_speed(space.speed())
-    .with_log_room(instance.logs_have_room());
+    .with_log_room(instance.logs_have_room() && !instance.logs_lost().exists());
     if args.json {
         let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");
