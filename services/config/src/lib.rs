@@ -113,7 +113,7 @@ impl Default for Recorder {
     }
 }
 
-/// As it is written.
+/// [`Recorder`] as jink.toml has it.
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 struct RecorderTable {

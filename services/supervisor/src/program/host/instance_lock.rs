@@ -126,11 +126,10 @@ impl InstanceLock {
         self.instance.wipe()
     }
 
-    /// Removes everything but the logs.
-    pub fn clear_but_logs(&self) -> std::io::Result<()> {
-        // Where they are on a disk, the link to them is what is left.
+    /// Removes everything but the logs; where all of them are on a disk (`are_carried`), the link to that is what is left.
+    pub fn clear_but_logs(&self, are_carried: bool) -> std::io::Result<()> {
         let on_disk = self.instance.log_on_disk();
-        let logs = match on_disk.is_symlink() {
+        let logs = match are_carried && on_disk.is_symlink() {
             true => on_disk,
             false => self.instance.log_folder(),
         };

@@ -95,10 +95,10 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
         }
     };
     let code = conclude(run.end, &run.report.reason);
-    carry_the_rest(run.carrier);
+    let are_carried = carry_the_rest(run.carrier);
     // Of a start that could not be, all has been said.
     if !has_failed && (args.keep_logs || run.report.any_failed || run.end != End::Stopped) {
-        lock.clear_but_logs()?;
+        lock.clear_but_logs(are_carried)?;
         let folder = args.instance.log_place();
         tracing::info!("logs are kept in {}", folder.display());
         if let Some(terminal) = terminal.filter(|_| run.end != End::Stopped) {
@@ -116,18 +116,19 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     Ok(code)
 }
 
-/// Carries to the disk what is still in memory, unless the disk hangs.
-fn carry_the_rest(mut carrier: Carrier) {
+/// Carries to the disk what is still in memory, unless the disk hangs. Returns whether nothing is left of it.
+fn carry_the_rest(mut carrier: Carrier) -> bool {
     let (done, carried) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
         let not_carried = carrier.carry();
+        let are_carried = not_carried.logs.is_none();
         for why in [not_carried.logs, not_carried.tlog].into_iter().flatten() {
             tracing::error!("not on the disk: {why}");
         }
-        // Nobody waits any more where it has taken too long.
-        let _nobody_waits = done.send(());
+        // The supervisor may have ended without it.
+        let _too_late = done.send(are_carried);
     });
-    let _hangs = carried.recv_timeout(CARRY_PATIENCE);
+    carried.recv_timeout(CARRY_PATIENCE).unwrap_or(false)
 }
 
 /// How a run has ended.
