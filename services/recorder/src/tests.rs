@@ -184,7 +184,8 @@ fn recordings(folder: &Path) -> Vec<(Vec<Read>, u64)> {
         .unwrap()
         .map(|entry| entry.unwrap().path())
         .collect();
-    files.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+    // The names of those that were begun in one second are in no order.
+    files.sort_by_key(|path| path.metadata().unwrap().modified().unwrap());
     let read = |path: &PathBuf| {
         let reading = Reading::open(path).unwrap();
         let (mut all, mut lost) = (Vec::new(), 0);
