@@ -25,6 +25,7 @@ pub mod bezier;
 pub mod clock;
 pub mod coded;
 pub mod control;
+pub mod cycles;
 pub mod events;
 pub mod far_map;
 pub mod faults;

@@ -8,6 +8,7 @@
 //! those of [`OPEN_TO_OTHERS`] and read any.
 
 use crate::control::Control;
+use crate::cycles::CycleEntries;
 use crate::events::EventSample;
 use crate::far_map::FarMap;
 use crate::ground::{GroundAnswer, GroundRequest};
@@ -351,6 +352,10 @@ topics! {
     HEALTH: Heartbeat = "health/*",
         from ["*"], to ["supervisor"],
         20.0 Hz, stale after 100.0 ms, buffer 4, logged true, wakes false;
+    /// What each cycle took of its inputs, of every service that puts out nothing but what follows from them; only while it is recorded.
+    CYCLES: CycleEntries = "cycles/*",
+        from ["*"], to [],
+        20.0 Hz, stale after 1000.0 ms, buffer 8, logged true, wakes false;
     /// Events for the pilot, of every process.
     EVENT: EventSample = "event",
         from ["*"], to ["ground_services", "mavlink_gateway"],
@@ -359,10 +364,10 @@ topics! {
     SYSTEM_STATUS: SystemStatus = "system/status",
         from ["supervisor"], to ["*"],
         10.0 Hz, stale after 300.0 ms, buffer 2, logged true, wakes true;
-    /// Who owns which inputs.
+    /// Who owns which inputs. At the start it changes with each process: the recorder keeps all of it.
     CONTROL: Control = "system/control",
         from ["supervisor"], to ["*"],
-        10.0 Hz, stale after 300.0 ms, buffer 2, logged true, wakes true;
+        10.0 Hz, stale after 300.0 ms, buffer 8, logged true, wakes true;
     /// The gateway's counters.
     LINK_STATUS: LinkStatus = "link/status",
         from ["mavlink_gateway"], to ["supervisor", "ground_services"],

@@ -49,6 +49,8 @@ enum Command {
     Lidar(cmd::lidar::Args),
     /// Look into recordings of flights: list them, what they hold, tables for other programs
     Recording(cmd::recording::Args),
+    /// Fly a recorded flight once more, service by service, and compare bit by bit
+    Replay(cmd::replay::Args),
     /// Let another binary take the place of a service in flight
     Swap(cmd::ask::SwapArgs),
     /// Replace a service by a fresh instance of itself
@@ -79,7 +81,16 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     (
         "Look",
-        &["status", "top", "log", "ring", "topic", "schema", "recording"],
+        &[
+            "status",
+            "top",
+            "log",
+            "ring",
+            "topic",
+            "schema",
+            "recording",
+            "replay",
+        ],
     ),
     ("Change", &["param", "swap", "restart", "stop"]),
     ("Check before the flight", &["check"]),
@@ -111,7 +122,7 @@ fn command() -> clap::Command {
 }
 
 /// Commands to which it is all the same which jink runs.
-const WITHOUT_INSTANCE: [&str; 4] = ["schema", "lidar", "world", "instances"];
+const WITHOUT_INSTANCE: [&str; 5] = ["schema", "lidar", "world", "instances", "replay"];
 
 fn main() -> ExitCode {
     if let Some(service) = services::named(&programs::own_name()) {
@@ -134,6 +145,7 @@ fn main() -> ExitCode {
         Command::Check(args) => cmd::check::run(&cli.instance, &args),
         Command::Lidar(args) => cmd::lidar::run(&args),
         Command::Recording(args) => cmd::recording::run(&cli.instance, &args),
+        Command::Replay(args) => cmd::replay::run(&args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),

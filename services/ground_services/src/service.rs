@@ -53,6 +53,7 @@ impl fmt::Debug for GroundServicesService {
 
 impl Service for GroundServicesService {
     const PROGRAM: &'static str = "ground_services";
+    const REPLAYS: bool = false;
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         Ok(Self {

@@ -73,6 +73,8 @@ pub struct RecordedSample<'a> {
     pub topic: &'a str,
     /// The payload's type with the hash of its layout.
     pub type_name: &'a str,
+    /// The layout as JSON; empty where only its producer knows it.
+    pub schema: &'a str,
     /// Size of the payload in memory (bytes).
     pub payload_bytes: usize,
     /// Its header.
@@ -181,10 +183,12 @@ impl Reading {
                 let (header, payload) = message
                     .data
                     .split_at(message.data.len().min(size_of::<SampleHeader>()));
+                let schema = message.channel.schema.as_ref();
                 let payload_bytes = message.channel.metadata.get("payload_bytes");
                 visit(&Message::Sample(RecordedSample {
                     topic: &message.channel.topic,
-                    type_name: message.channel.schema.as_ref().map_or("", |schema| &schema.name),
+                    type_name: schema.map_or("", |schema| &schema.name),
+                    schema: schema.map_or("", |schema| std::str::from_utf8(&schema.data).unwrap_or_default()),
                     payload_bytes: payload_bytes.and_then(|bytes| bytes.parse().ok()).unwrap_or(0),
                     header: &from_bytes(header),
                     payload,

@@ -18,6 +18,7 @@ pub struct RecorderService {
 
 impl Service for RecorderService {
     const PROGRAM: &'static str = "recorder";
+    const REPLAYS: bool = false;
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let folder = ports.config().recorder.folder.as_deref();

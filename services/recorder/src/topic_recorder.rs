@@ -7,13 +7,14 @@ use crate::writer::{Batch, WriterThread};
 use jink_runtime::config::{CONFIG_FILE, Foreign, PROCESS_FILE};
 use jink_runtime::file_series::FileSeries;
 use jink_runtime::members::Members;
-use jink_runtime::session::RawInput;
-use jink_runtime::{Cycle, Ports, Session, StartError};
+use jink_runtime::session::{HeldTopic, RawInput};
+use jink_runtime::{Cycle, OpenError, Ports, Session, StartError};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{EventSample, HELD, RECORDING_AGAIN, RECORDING_STOPPED, Severity};
-use jink_shared_types::layout::from_bytes;
-use jink_shared_types::topics::{EVENT, FINGERPRINT, RANGE_CLOUD, TABLE, TopicRow};
+use jink_shared_types::layout::{Layout as SampleLayout, from_bytes};
+use jink_shared_types::topics::{self, EVENT, FINGERPRINT, RANGE_CLOUD, TABLE, Topic, TopicRow, Visitor};
 use std::collections::BTreeMap;
+use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
 /// How often topics are tried that nobody has opened yet (s).
@@ -46,7 +47,7 @@ pub struct TopicRecorder {
     has_failed: bool,
 }
 
-impl std::fmt::Debug for TopicRecorder {
+impl Debug for TopicRecorder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "TopicRecorder({} topics)", self.inputs.len())
     }
@@ -59,16 +60,15 @@ struct Recorded {
     /// Every producer counts for itself.
     is_shared: bool,
     is_events: bool,
-    /// Sequence number of the last sample.
-    last: Option<u64>,
+    /// Sequence number of the last sample of each epoch: of a topic that an instance and its shadow both publish they come in turn.
+    last: BTreeMap<u32, u64>,
     /// Samples that were overwritten before they could be read, or for which the disk was too slow, and that have not been said.
     lost: u64,
 }
 
 impl Recorded {
     fn count(&mut self, sequence: u64) {
-        if let Some(last) = self.last.replace(sequence)
-            && sequence >> 32 == last >> 32
+        if let Some(last) = self.last.insert((sequence >> 32) as u32, sequence)
             && !self.is_shared
         {
             self.lost += sequence.saturating_sub(last).saturating_sub(1);
@@ -185,7 +185,7 @@ impl TopicRecorder {
     fn open_topics(&mut self) {
         let (session, inputs, batch) = (&self.session, &mut self.inputs, &mut self.batch);
         self.unopened
-            .retain(|(row, name)| match session.raw_input(row, name) {
+            .retain(|(row, name)| match open(session, row, name) {
                 Ok(None) => true,
                 Ok(Some(input)) => {
                     batch.channels.push(channel(row, name, &input));
@@ -193,7 +193,7 @@ impl TopicRecorder {
                         layout: Layout::of(row),
                         is_shared: row.is_shared(),
                         is_events: row.name == EVENT.row.name,
-                        last: None,
+                        last: BTreeMap::new(),
                         lost: 0,
                         input,
                     });
@@ -215,6 +215,25 @@ impl TopicRecorder {
                 self.inputs[channel].lost += 1;
             }
         }
+    }
+}
+
+/// Opens a topic, and makes it if it is one of the table: the first sample on it is recorded, too.
+fn open(session: &Session, row: &TopicRow, name: &str) -> Result<Option<RawInput>, OpenError> {
+    let _made = topics::visit(row, Make { session, name }).transpose()?;
+    session.raw_input(row, name)
+}
+
+struct Make<'a> {
+    session: &'a Session,
+    name: &'a str,
+}
+
+impl Visitor for Make<'_> {
+    type Output = Result<HeldTopic, OpenError>;
+    fn visit<T: SampleLayout + Debug + 'static>(self, topic: Topic<T>) -> Self::Output {
+        let member = topic.row.member_of(self.name).unwrap_or_default();
+        self.session.hold(topic, member)
     }
 }
 

@@ -90,6 +90,7 @@ struct DriverService<D> {
 
 impl<D: Driver> Service for DriverService<D> {
     const PROGRAM: &'static str = D::PROGRAM;
+    const REPLAYS: bool = false;
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let name = ports.setup().sensor_name()?;

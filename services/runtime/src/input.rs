@@ -5,6 +5,7 @@
 //! a service that needs the input counts as degraded for a second.
 
 use crate::clock::Clock;
+use crate::cycle_log::Looks;
 use crate::ownership::Ownership;
 use crate::transport::{Sample, Subscriber};
 use jink_shared_types::layout::Layout;
@@ -174,6 +175,7 @@ impl<T: Layout> Input<T> {
                 ownership: None,
                 of_all: row.is_shared(),
                 waiting_max: row.buffer * row.max_publishers(),
+                looks: None,
             },
             payload: PhantomData,
         }
@@ -182,6 +184,12 @@ impl<T: Layout> Input<T> {
     /// Reports every sample taken to `ownership`.
     pub(crate) fn with_ownership(mut self, ownership: &Rc<Ownership>) -> Self {
         self.port.ownership = Some(Rc::clone(ownership));
+        self
+    }
+
+    /// What is taken is written down, or as it was written down ([`crate::cycle_log`]).
+    pub(crate) fn with_looks(mut self, looks: Option<Looks>) -> Self {
+        self.port.looks = looks;
         self
     }
 
@@ -220,14 +228,14 @@ impl<T: Layout> Input<T> {
 
     /// Takes all waiting samples and returns the newest one ever received, judged against the topic's deadline.
     pub fn latest(&mut self, now: Timestamp) -> Reading<'_, T> {
-        let mut left = self.port.waiting_max;
+        let mut left = self.port.begin_look();
         while self.port.receive(&mut left).is_some() {}
         Reading::judge(self.newest(), now, self.port.health.deadline_ms)
     }
 
     /// Hands every sample that waits to `visit`, oldest first. What is published meanwhile is for the next call.
     pub fn each(&mut self, mut visit: impl FnMut(Stamped<'_, T>)) {
-        let mut left = self.port.waiting_max;
+        let mut left = self.port.begin_look();
         while self.port.receive(&mut left).is_some() {
             if let Some(stamped) = self.newest() {
                 visit(stamped);
@@ -262,16 +270,32 @@ struct InputPort {
     of_all: bool,
     /// Samples that can be waiting: no more are taken at once, so that a producer without end keeps no reader from its cycle.
     waiting_max: usize,
+    /// Of a service whose cycles are recorded or replayed.
+    looks: Option<Looks>,
 }
 
 impl InputPort {
+    /// Returns how many samples may be taken.
+    fn begin_look(&mut self) -> usize {
+        if let Some(looks) = &mut self.looks {
+            looks.begin();
+        }
+        self.waiting_max
+    }
+
     /// Moves to the next unread sample that can be used, of `left` that may be taken. Samples of a producer that has been replaced
     /// may arrive after those of its successor: what does not advance the sequence is dropped, as long as the newest sample is
     /// fresh. After that whoever publishes counts, so that a sequence number from nowhere silences nobody for longer.
     fn receive(&mut self, left: &mut usize) -> Option<()> {
         loop {
             *left = left.checked_sub(1)?;
+            if self.looks.as_ref().is_some_and(|looks| !looks.may_take()) {
+                return None;
+            }
             let sample = self.subscriber.receive()?;
+            if let Some(looks) = &self.looks {
+                looks.took(sample.header().publish);
+            }
             let now = self.clock.now();
             let header = sample.header();
             if let Some(refusal) = Refusal::judge(self.checks, &self.subscriber, &sample, now) {

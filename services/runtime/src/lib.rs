@@ -46,6 +46,7 @@
 //! | `process_loop` | the loop of its process |
 //! | [`lockstep`] | services in one process on a virtual clock, for campaigns and tests |
 //! | `clock` | the board's clock, or a simulated one |
+//! | `cycle_log` | what each cycle took of its inputs, for recordings and replays |
 //! | [`heartbeat`] | cycle statistics |
 //! | `param_store` | changed parameters that outlive the process that changed them |
 //! | `ranges` | the range topics of all configured sensors |
@@ -65,6 +66,7 @@
 
 pub mod cleanup;
 mod clock;
+mod cycle_log;
 pub mod descriptors;
 pub mod device;
 mod events;

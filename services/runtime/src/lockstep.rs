@@ -27,8 +27,10 @@
 //! assert_eq!(ticker.service().0, 10);
 //! ```
 
+pub mod program;
 pub mod relay;
 pub(crate) mod remote;
+pub mod replay;
 
 pub use crate::transport::local::LocalBus;
 
@@ -81,12 +83,18 @@ impl<S: Service> Member<S> {
             true => Session::local(bus, &setup.process).with(&Foreign::load(&setup.config)?),
             false => Session::local(bus, S::PROGRAM),
         };
-        Ok(Self {
+        let is_replay = session.cycle_log.is_some();
+        let mut member = Self {
             running: Running::start(session, setup, config)?,
             bus: bus.clone(),
             wake: Timestamp::NEVER,
             is_settled: false,
-        })
+        };
+        if is_replay {
+            // What it takes does not depend on when it can: and nothing that it says waits.
+            member.is_settled = member.running.settle().is_ok();
+        }
+        Ok(member)
     }
 
     /// Runs a cycle if data have come, a descriptor is readable, or it is time; sends the heartbeat if it is due.
@@ -96,6 +104,11 @@ impl<S: Service> Member<S> {
         if !(has_data || is_new_owner || self.bus.now() >= self.wake || self.is_readable()) {
             return Looked::Slept;
         }
+        self.run()
+    }
+
+    /// Runs a cycle.
+    fn run(&mut self) -> Looked {
         for wakeup in &self.running.ports.wakeups {
             wakeup.clear();
         }

@@ -2,7 +2,7 @@
 
 use crate::Instance;
 use crate::config::{Config, SensorOutput, process_names};
-use jink_shared_types::topics::{HEALTH, RANGE_CLOUD, RANGE_SCAN, TopicRow};
+use jink_shared_types::topics::{CYCLES, HEALTH, RANGE_CLOUD, RANGE_SCAN, TopicRow};
 use std::path::Path;
 
 /// Who the members of the families are.
@@ -53,7 +53,7 @@ impl Members {
         match row.name {
             name if name == RANGE_CLOUD.row.name => &self.clouds,
             name if name == RANGE_SCAN.row.name => &self.scans,
-            name if name == HEALTH.row.name => &self.processes,
+            name if name == HEALTH.row.name || name == CYCLES.row.name => &self.processes,
             _ => &[],
         }
     }

@@ -5,6 +5,7 @@
 
 use crate::clock::Clock;
 use crate::config::Config;
+use crate::cycle_log::CycleLog;
 use crate::events::EventSender;
 use crate::heartbeat::{CycleMeter, HEARTBEAT_PERIOD_S};
 use crate::input::Input;
@@ -33,17 +34,22 @@ pub(crate) struct Running<S> {
     events: EventSender,
     param_messages: Option<LiveParams>,
     clock: Clock,
+    cycle_log: Option<Rc<CycleLog>>,
 }
 
 impl<S: Service> Running<S> {
     /// Opens the service over `session`: first its heartbeat and the control record, then what is its own.
-    pub(crate) fn start(session: Session, setup: Setup, mut config: Config) -> Result<Self, StartError> {
+    pub(crate) fn start(mut session: Session, setup: Setup, mut config: Config) -> Result<Self, StartError> {
         let store = ParamStore::of(&config, &setup.instance);
         let (params, refused) = store.in_force();
         config.params = params;
         for refusal in refused {
             tracing::warn!("{refusal}");
         }
+        if S::REPLAYS && config.recorder.folder.is_some() {
+            session.record(setup.shadow);
+        }
+        let cycle_log = session.cycle_log.clone();
         let clock = session.clock();
         let health = session.output(topics::HEALTH, &setup.process, setup.generation)?;
         let control = ControlRecord {
@@ -53,8 +59,9 @@ impl<S: Service> Running<S> {
         };
         let events = EventSender::new(&setup.process);
         let mut ports = Ports::new(session, setup, config, store);
+        let ownership = Rc::clone(&ports.ownership);
         let mut beat =
-            HeartbeatPublisher::new(ports.setup(), health, Rc::clone(&ports.ownership), clock.clone());
+            HeartbeatPublisher::new(ports.setup(), health, ownership, clock.clone(), cycle_log.clone());
         beat.send(ServiceState::Starting, 0, 0);
         let service = S::open(&mut ports)?;
         // The supervisor waits for the first heartbeat from the loop: after the first cycle, not a period later.
@@ -67,6 +74,7 @@ impl<S: Service> Running<S> {
             events,
             param_messages: None,
             clock,
+            cycle_log,
         })
     }
 
@@ -75,6 +83,9 @@ impl<S: Service> Running<S> {
         // Before the clock: what this cycle takes was then published after any record it has not read.
         self.control.read(&self.ports.ownership);
         let now = self.clock.now();
+        if let Some(log) = &self.cycle_log {
+            log.begin(now);
+        }
         if let Some(params) = self
             .param_messages
             .as_mut()
@@ -86,6 +97,9 @@ impl<S: Service> Running<S> {
         let events = &mut self.events;
         let wake = self.service.cycle(&mut Cycle { now, events });
         self.ports.report_refusals(now, &mut self.events);
+        if let Some(log) = &self.cycle_log {
+            log.end();
+        }
         let end = self.clock.now();
         self.beat.meter.cycle(now, end);
         self.beat.send_if_due(end, &self.ports);
@@ -100,6 +114,11 @@ impl<S: Service> Running<S> {
             &self.ports.session,
             &self.ports.config().params,
         )?);
+        if let Some(log) = &self.cycle_log {
+            let setup = self.ports.setup();
+            let session = &self.ports.session;
+            log.connect(session.output(topics::CYCLES, &setup.process, setup.generation)?);
+        }
         self.ports.session.reserve()
     }
 
@@ -172,6 +191,8 @@ struct HeartbeatPublisher {
     meter: CycleMeter,
     ownership: Rc<Ownership>,
     output: Output<Heartbeat>,
+    /// What the service's cycles took goes out with its heartbeats.
+    cycle_log: Option<Rc<CycleLog>>,
     clock: Clock,
     due: Timestamp,
     /// As it was reported last.
@@ -181,11 +202,18 @@ struct HeartbeatPublisher {
 }
 
 impl HeartbeatPublisher {
-    fn new(setup: &Setup, output: Output<Heartbeat>, ownership: Rc<Ownership>, clock: Clock) -> Self {
+    fn new(
+        setup: &Setup,
+        output: Output<Heartbeat>,
+        ownership: Rc<Ownership>,
+        clock: Clock,
+        cycle_log: Option<Rc<CycleLog>>,
+    ) -> Self {
         Self {
             meter: CycleMeter::new(&setup.process, setup.pid, setup.generation, setup.budget_us),
             ownership,
             output,
+            cycle_log,
             due: clock.now(),
             clock,
             role: if setup.shadow { Role::Shadow } else { Role::Owner },
@@ -199,6 +227,9 @@ impl HeartbeatPublisher {
         self.ownership.fill(now, &mut heartbeat);
         self.role = heartbeat.role.get();
         self.output.send(SampleHeader::at(now), &heartbeat);
+        if let Some(log) = &self.cycle_log {
+            log.publish(now);
+        }
         self.due = now.plus_seconds(HEARTBEAT_PERIOD_S);
     }
 

@@ -61,6 +61,9 @@ pub trait Service: Sized {
     /// The program's name in the topic table. A program of others stands in no row: its process is called `user_...` and has what
     /// its row of the process table grants ([`crate::config::Foreign`]).
     const PROGRAM: &'static str;
+    /// Whether what it puts out follows from the samples that it takes and the time of its cycles: where something is recorded, that is,
+    /// too, and the service can be replayed. Not so if it reads devices, files or links.
+    const REPLAYS: bool = true;
 
     /// Opens topics and devices.
     ///

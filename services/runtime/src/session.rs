@@ -2,6 +2,7 @@
 
 use crate::clock::Clock;
 use crate::config::{Foreign, Grants};
+use crate::cycle_log::{CycleLog, Looks};
 use crate::input::Input;
 use crate::instance::Instance;
 use crate::open_error::OpenError;
@@ -15,6 +16,7 @@ use jink_shared_types::shape::Shape;
 use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::topics::{Topic, TopicRow};
 use std::fmt;
+use std::rc::Rc;
 
 /// Where a session's topics are.
 enum Transport {
@@ -30,6 +32,8 @@ pub struct Session {
     grants: Grants,
     /// What the configuration opens to programs of others.
     foreign: Foreign,
+    /// What its inputs take is recorded or replayed.
+    pub(crate) cycle_log: Option<Rc<CycleLog>>,
 }
 
 impl fmt::Debug for Session {
@@ -49,6 +53,7 @@ impl Session {
             program: program.to_owned(),
             grants: Grants::default(),
             foreign: Foreign::default(),
+            cycle_log: None,
         })
     }
 
@@ -59,6 +64,14 @@ impl Session {
             program: program.to_owned(),
             grants: Grants::default(),
             foreign: Foreign::default(),
+            cycle_log: bus.replayed(),
+        }
+    }
+
+    /// What its inputs take from now on is written down for the recorder, if it is a session in shared memory.
+    pub(crate) fn record(&mut self, shadow: bool) {
+        if matches!(self.transport, Transport::Shared(_)) {
+            self.cycle_log = Some(Rc::new(CycleLog::recording(shadow)));
         }
     }
 
@@ -183,7 +196,8 @@ impl Session {
             [only] if *only != "*" => (*only).to_owned(),
             _ => name.clone(),
         };
-        Ok(Input::new(subscriber, self.clock(), name, &topic.row, producer))
+        let looks = self.cycle_log.as_ref().map(|log| Looks::at(&name, log));
+        Ok(Input::new(subscriber, self.clock(), name, &topic.row, producer).with_looks(looks))
     }
 
     /// Opens the wake-ups of a topic. The table says which have any.

@@ -88,11 +88,14 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-parameter-server",
                 "jink-ground-services",
                 "jink-recorder",
+                "jink-replay",
                 "jink-rangefinder-driver",
                 "jink-depth-driver",
                 "jink-lidar-driver",
                 "jink-link-check",
             ],
+            // What reads recordings.
+            "jink-replay" => &["jink-shared-types", "jink-runtime", "jink-recorder"],
             "jink-lab" => &[
                 "jink-shared-types",
                 "jink-runtime",

@@ -8,6 +8,7 @@ pub mod lidar;
 pub mod log;
 pub mod param;
 pub mod recording;
+pub mod replay;
 pub mod ring;
 pub mod schema;
 pub mod status;

@@ -95,6 +95,7 @@ impl fmt::Debug for GatewayService {
 
 impl Service for GatewayService {
     const PROGRAM: &'static str = "mavlink_gateway";
+    const REPLAYS: bool = false;
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let settings = ports.config().link.clone();

@@ -9,26 +9,30 @@
 //! | `T` | a topic that it reads, and whose samples wake it | the same |
 //! | `W` | a topic that it publishes | the same |
 //! | `S` | topic of a sample | user header, payload |
+//! | `C` | empty: it is a replay. In the first message and in each that makes the process run a cycle | which of the samples the cycle takes at which look at their topics: entries of [`CycleEntries`](jink_shared_types::cycles::CycleEntries) |
 //! | `E` | empty: the message ends | the board's time (u64, ns); 0: the process is to end. In an answer: when it wants to be woken at the latest |
 
 use super::LocalBus;
+use super::replay::Known;
+use crate::cycle_log::CycleLog;
 use crate::transport::local::{Publisher, Subscriber};
 use crate::transport::{PayloadType, header_of};
-use jink_shared_types::layout::bytes_of;
+use jink_shared_types::cycles::CycleEntry;
+use jink_shared_types::layout::{bytes_of, from_bytes};
 use jink_shared_types::{SampleHeader, Timestamp};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::io::{BufReader, Error, ErrorKind, Read, Result, Write};
 use std::os::unix::net::UnixStream;
+use std::rc::Rc;
 use std::time::Duration;
 
 const READS: u8 = b'R';
 const WOKEN_BY: u8 = b'T';
 const PUBLISHES: u8 = b'W';
 const SAMPLE: u8 = b'S';
+const CYCLE: u8 = b'C';
 const END: u8 = b'E';
-/// Samples of a publisher that wait for the next message: more than one step of the scheduler brings.
-const BUFFER: usize = 64;
 /// Longest record (bytes): far more than the largest topic.
 const RECORD_MAX: usize = 64 << 20;
 
@@ -42,9 +46,13 @@ pub struct Relay {
     writers: BTreeMap<String, Publisher>,
     /// What the other end was told of the bus: topic, and whether it is one that is published here.
     announced: BTreeSet<(String, bool)>,
+    /// What the other end said of its own: the same.
+    announced_there: Vec<(String, bool, PayloadType)>,
     /// When the process wants to be woken.
     wake: Timestamp,
     message: Vec<u8>,
+    /// The process' side, in a replay: what its cycles take.
+    cycle_log: Option<Rc<CycleLog>>,
 }
 
 /// A topic whose samples go to the other end.
@@ -74,8 +82,10 @@ impl Relay {
             readers: Vec::new(),
             writers: BTreeMap::new(),
             announced: BTreeSet::new(),
+            announced_there: Vec::new(),
             wake: Timestamp::NEVER,
             message: Vec::new(),
+            cycle_log: None,
         })
     }
 
@@ -96,6 +106,34 @@ impl Relay {
         self.send(self.bus.now())?;
         self.wake = self.receive()?;
         Ok(())
+    }
+
+    /// The scheduler's side of a replay: the samples that one cycle takes are on the bus; it takes them as `entries` say, and runs at the
+    /// time that the clock of the bus shows.
+    ///
+    /// # Errors
+    /// As [`Self::exchange`].
+    pub fn replay(&mut self, entries: &[CycleEntry], patience: Duration) -> Result<()> {
+        let parts: Vec<&[u8]> = entries.iter().map(bytes_of).collect();
+        record(&mut self.message, CYCLE, "", &parts);
+        self.exchange(patience)
+    }
+
+    /// The topics that the other end has opened, and whether it publishes them.
+    pub(super) fn announced(&self) -> impl Iterator<Item = (Known, bool)> {
+        self.announced_there.iter().map(|(topic, is_published, payload)| {
+            let known = Known {
+                topic: topic.clone(),
+                type_name: payload.name.to_owned(),
+                payload_bytes: payload.size,
+            };
+            (known, *is_published)
+        })
+    }
+
+    /// The process' side: whether it is a replay.
+    pub(super) fn is_replay(&self) -> bool {
+        self.cycle_log.is_some()
     }
 
     /// The scheduler's side: asks the process to end, and takes its last samples.
@@ -135,7 +173,8 @@ impl Relay {
 
     /// From now on what is published here of the topic goes to the other end.
     fn read(&mut self, topic: &str, payload: PayloadType, wakes: bool) -> Result<()> {
-        let subscriber = self.bus.raw_subscriber(topic, payload, BUFFER);
+        // Each message takes all that wait.
+        let subscriber = self.bus.raw_subscriber(topic, payload, usize::MAX);
         self.readers.push(Reader {
             topic: topic.to_owned(),
             payload,
@@ -187,6 +226,8 @@ impl Relay {
                         .ok_or_else(|| invalid("a record is cut off"))?;
                     let type_name = std::str::from_utf8(type_name).map_err(invalid)?;
                     let payload = PayloadType::raw(type_name, u32::from_le_bytes(*size) as usize);
+                    self.announced_there
+                        .push((name.to_owned(), kind == PUBLISHES, payload));
                     match kind == PUBLISHES {
                         true => self.publish(name, payload)?,
                         false => self.read(name, payload, kind == WOKEN_BY)?,
@@ -204,6 +245,11 @@ impl Relay {
                             payload.len()
                         )));
                     }
+                }
+                CYCLE => {
+                    let log = self.cycle_log.get_or_insert_with(|| self.bus.replay());
+                    let entries = rest.chunks_exact(size_of::<CycleEntry>());
+                    log.follow(entries.map(|entry| *from_bytes::<CycleEntry>(entry)).collect());
                 }
                 END => {
                     let time = rest.first_chunk().ok_or_else(|| invalid("a record is cut off"))?;

@@ -51,7 +51,11 @@ fn run<S: Service>(
             return Ok(Ended::Stopped);
         }
         bus.set_clock(time);
-        if member.run_if_due() == Looked::WantsRestart {
+        let looked = match relay.is_replay() {
+            true => member.run(),
+            false => member.run_if_due(),
+        };
+        if looked == Looked::WantsRestart {
             relay.send(time)?;
             return Ok(Ended::WantsRestart);
         }

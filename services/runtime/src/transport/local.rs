@@ -1,6 +1,7 @@
 //! Within one process: topics as slots, time as it is set. Nothing here waits, and nothing depends on the machine.
 
 use super::PayloadType;
+use crate::cycle_log::CycleLog;
 use crate::open_error::OpenError;
 use jink_shared_types::topics::TopicRow;
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -17,6 +18,7 @@ struct Inner {
     now: Cell<Timestamp>,
     topics: RefCell<BTreeMap<String, Rc<Channel>>>,
     publishers: Cell<u64>,
+    replayed: RefCell<Option<Rc<CycleLog>>>,
 }
 
 impl fmt::Debug for LocalBus {
@@ -32,7 +34,20 @@ impl LocalBus {
             now: Cell::new(now),
             topics: RefCell::default(),
             publishers: Cell::new(0),
+            replayed: RefCell::default(),
         }))
+    }
+
+    /// Who opens topics from now on takes what another one took ([`CycleLog::follow`]), however much that is at once.
+    pub(crate) fn replay(&self) -> Rc<CycleLog> {
+        let log = Rc::new(CycleLog::replaying());
+        self.0.replayed.replace(Some(Rc::clone(&log)));
+        log
+    }
+
+    /// What is followed, if it is a replay.
+    pub(crate) fn replayed(&self) -> Option<Rc<CycleLog>> {
+        self.0.replayed.borrow().clone()
     }
 
     /// What its clock says.
@@ -75,7 +90,11 @@ impl LocalBus {
         payload: PayloadType,
     ) -> Result<Subscriber, OpenError> {
         let channel = self.channel(name, payload)?;
-        Ok(Self::subscriber_on(&channel, row.buffer))
+        let buffer = match self.replayed() {
+            Some(_) => usize::MAX,
+            None => row.buffer,
+        };
+        Ok(Self::subscriber_on(&channel, buffer))
     }
 
     fn subscriber_on(channel: &Channel, buffer: usize) -> Subscriber {

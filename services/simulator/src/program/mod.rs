@@ -28,6 +28,7 @@ enum Vehicle {
 
 impl Service for Vehicle {
     const PROGRAM: &'static str = "simulator";
+    const REPLAYS: bool = false;
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         Ok(match ports.config().simulation.sitl.is_empty() {

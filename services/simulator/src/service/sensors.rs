@@ -71,6 +71,7 @@ impl fmt::Debug for SensorService {
 
 impl Service for SensorService {
     const PROGRAM: &'static str = "simulator";
+    const REPLAYS: bool = false;
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let needs = |what: &str, cause: String| StartError::Needs {
