@@ -4,12 +4,10 @@
 //!
 //! | module | in | out |
 //! |---|---|---|
-//! | [`view::status`] | `system/status`, `link/status` | one screen, or JSON |
-//! | [`view::top`] | the same, rates of topics, events | a screen that is drawn again and again |
+//! | [`view::top`] | the status of [`jink_control::status`], rates of topics, events | a screen that is drawn again and again |
 //! | [`view::topics`], [`view::topic_statistics`], [`view::sample_text`], [`view::sample_json`] | topic table, headers, samples | topics, their rates, what they say |
 //! | [`view::schema`] | topic table, shapes of samples | a table, a C header, a Python module, JSON |
 //! | [`view::log`] | lines of logs | the same in plain words |
-//! | [`view::params`] | parameter table, `parameters` | a table, or JSON |
 //! | [`view::ring`] | `guard/ring` | a picture of characters, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |

@@ -1,7 +1,7 @@
 //! The link of a jink that runs, as its gateway sees it: as far as an examination goes that asks the autopilot nothing.
 
-use crate::view::status::unfit;
 use jink_control::findings::{Finding, Grade, of_events};
+use jink_control::status::unfit;
 use jink_shared_types::events::{AUTOPILOT_LOST, EventSample, LINK_SLOW, MODE_REFUSED, SETPOINTS_IGNORED};
 use jink_shared_types::link::{AvoidanceState, LinkStatus, LinkTraffic};
 

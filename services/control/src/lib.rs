@@ -6,6 +6,7 @@
 //! | [`supervisor`], [`running`] | starts an instance; whether one runs, and stopping it |
 //! | [`request`] | asks its supervisor for a swap, a restart, a stop |
 //! | [`watch`], [`meter`] | reads its topics |
+//! | [`status`], [`parameters`] | its state and its parameters, for people and as JSON |
 //! | [`narrate`], [`known_space`], [`figures`] | says what it does in words and figures |
 //! | [`findings`] | verdict and table of an examination, or JSON |
 //! | [`worlds`], [`autopilot`], [`ports`] | virtual worlds and simulated autopilots, as values laid over the configuration |
@@ -41,6 +42,7 @@ mod interrupt;
 pub mod known_space;
 pub mod meter;
 pub mod narrate;
+pub mod parameters;
 pub mod places;
 pub mod planned_speed;
 pub mod ports;
@@ -48,6 +50,7 @@ mod problem;
 pub mod provenance;
 pub mod request;
 pub mod running;
+pub mod status;
 pub mod supervisor;
 pub mod watch;
 pub mod worlds;

@@ -30,6 +30,14 @@ impl Watch {
         if let Ok(foreign) = Foreign::load(&instance.run_config()) {
             session = session.with(&foreign);
         }
+        Ok(Self::over(session)?)
+    }
+
+    /// Over a connection of a program that may read everything, too.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn over(session: Session) -> Result<Self, OpenError> {
         Ok(Self {
             status: session.input(topics::SYSTEM_STATUS, "")?,
             link: session.input(topics::LINK_STATUS, "")?,
@@ -63,6 +71,11 @@ impl Watch {
         self.link.latest(jink_runtime::now());
         self.link.newest()
     }
+
+    /// Those that [`Self::link`] has found last.
+    pub fn link_seen(&self) -> Option<Stamped<'_, LinkStatus>> {
+        self.link.newest()
+    }
 }
 
 /// What map and planner say of the sensors.
@@ -92,6 +105,18 @@ impl SpaceWatch {
     pub fn speed(&mut self) -> Option<PlannedSpeed> {
         let route = self.route.latest(jink_runtime::now()).fresh()?;
         PlannedSpeed::of(route.sample)
+    }
+
+    /// The newest map, however old: whoever needs it besides takes no place of its own among the readers of a large topic.
+    pub fn map(&mut self) -> Option<Stamped<'_, LocalMap>> {
+        self.map.latest(jink_runtime::now());
+        self.map.newest()
+    }
+
+    /// The newest route, however old.
+    pub fn route(&mut self) -> Option<Stamped<'_, Route>> {
+        self.route.latest(jink_runtime::now());
+        self.route.newest()
     }
 
     /// What the planner misses; `None` while it says nothing.

@@ -1,6 +1,6 @@
 //! `jink instances`: which jinks this host has, running or ended, and what ended ones have left in memory.
 
-use jink_cli::view::status::write_table;
+use jink_control::status::write_table;
 use jink_control::{Problem, running};
 use jink_control::{say, sayln};
 use jink_runtime::Instance;

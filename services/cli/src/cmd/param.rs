@@ -3,7 +3,7 @@
 //! A change is asked of the parameter server, which owns them: it decides, keeps the value and publishes it to every service; the
 //! gateway sends it to ground stations. This command waits for its answer.
 
-use jink_cli::view::params::{Listed, table};
+use jink_control::parameters::{Listed, table};
 use jink_control::watch::{PROGRAM, Watch};
 use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, running};
 use jink_control::{say, sayln};

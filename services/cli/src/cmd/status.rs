@@ -1,11 +1,10 @@
 //! `jink status`.
 
-use jink_cli::view::status::{LEGEND, PostMortem, Report, exit_code};
+use jink_control::status::{LEGEND, Report, exit_code};
 use jink_control::watch::{SpaceWatch, Watch};
 use jink_control::{EXIT_NOT_RUNNING, Problem, running};
 use jink_control::{say, sayln};
 use jink_runtime::Instance;
-use jink_shared_types::health::SystemStatus;
 use std::process::ExitCode;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -59,19 +58,9 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let known = wait(SPACE_PATIENCE, || space.look());
     // Newer by the time spent waiting.
     let status = watch.status().unwrap_or(status);
-    let ends = post_mortems(instance, &status);
-    let report = Report::new(
-        &instance.to_string(),
-        jink_runtime::now(),
-        &status,
-        watch.link(),
-        ends,
-    )
-    .with_space(known)
-    .with_speed(space.speed())
-    .with_log_room(instance.logs_have_room() && !instance.logs_lost().exists());
+    let report = Report::of_instance(instance, &status, &mut watch, known, space.speed());
     if args.json {
-        let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
+        let json = report.json().map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");
     } else {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -87,18 +76,6 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     } else {
         code
     }))
-}
-
-/// What the supervisor has written down about processes that ended.
-fn post_mortems(instance: &Instance, status: &SystemStatus) -> Vec<PostMortem> {
-    let read = |name: &str| {
-        let text = std::fs::read_to_string(instance.post_mortem(name)).ok()?;
-        serde_json::from_str(&text).ok()
-    };
-    let processes = status.processes().iter();
-    processes
-        .filter_map(|process| read(process.heartbeat.name.as_str()))
-        .collect()
 }
 
 fn wait<T>(patience: Duration, mut condition: impl FnMut() -> Option<T>) -> Option<T> {

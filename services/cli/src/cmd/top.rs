@@ -1,10 +1,10 @@
 //! `jink top`.
 
-use jink_cli::view::status::{LEGEND, Report};
 use jink_cli::view::top::{Pressed, Rate, Screen};
 use jink_cli::view::topic_statistics::TopicStatistics;
 use jink_control::meter::Meter;
 use jink_control::say;
+use jink_control::status::{LEGEND, Report};
 use jink_control::watch::Watch;
 use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
 use jink_runtime::members::Members;

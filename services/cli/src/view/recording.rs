@@ -121,7 +121,7 @@ impl Overview {
             }))
             .collect();
         let mut out = String::new();
-        crate::view::status::write_table(&mut out, &rows);
+        jink_control::status::write_table(&mut out, &rows);
         out
     }
 

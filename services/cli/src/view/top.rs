@@ -1,7 +1,7 @@
 //! The live screen: services, hops, rates, events.
 
-use crate::view::status::Report;
 use crate::view::topic_statistics::TopicStatistics;
+use jink_control::status::Report;
 use jink_shared_types::topics::TopicRow;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
@@ -369,8 +369,8 @@ fn heading<const N: usize>(cells: [Cell<'_>; N]) -> Row<'_> {
 #[cfg(test)]
 mod tests {
     use super::{Pressed, Rate, Screen, wrapped};
-    use crate::view::status::Report;
     use crate::view::topic_statistics::TopicStatistics;
+    use jink_control::status::Report;
     use jink_shared_types::coded::{Coded, Flag};
     use jink_shared_types::health::{Name, ServiceState, SystemStatus};
     use jink_shared_types::topics::LOCAL_MAP;

@@ -68,7 +68,7 @@ pub fn table(topics: &[Listed]) -> String {
         }))
         .collect();
     let mut out = String::new();
-    crate::view::status::write_table(&mut out, &rows);
+    jink_control::status::write_table(&mut out, &rows);
     out
 }
 

@@ -1,7 +1,7 @@
 //! The schema as people read it.
 
 use super::{Schema, comment};
-use crate::view::status::write_table;
+use jink_control::status::write_table;
 use jink_shared_types::shape::{FieldShape, Shape, StructShape, Value};
 use std::fmt::Write;
 

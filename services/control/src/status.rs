@@ -6,9 +6,11 @@ mod profile;
 pub use links::{LinkFigures, Refused};
 pub use profile::unfit;
 
-use jink_control::figures::{StageLatency, exit_text, latency_ms, latency_text, round};
-use jink_control::known_space::KnownSpace;
-use jink_control::planned_speed::PlannedSpeed;
+use crate::figures::{StageLatency, exit_text, latency_ms, latency_text, round};
+use crate::known_space::KnownSpace;
+use crate::planned_speed::PlannedSpeed;
+use crate::watch::Watch;
+use jink_runtime::Instance;
 use jink_shared_types::health::{
     Health, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
 };
@@ -202,6 +204,36 @@ pub struct Link {
 }
 
 impl Report {
+    /// The report of a running `instance` now: what `jink status` and the live page show. `space` and `speed` are what map and planner
+    /// say ([`crate::watch::SpaceWatch`]).
+    pub fn of_instance(
+        instance: &Instance,
+        status: &SystemStatus,
+        watch: &mut Watch,
+        space: Option<KnownSpace>,
+        speed: Option<PlannedSpeed>,
+    ) -> Self {
+        let ends = post_mortems(instance, status);
+        Self::new(
+            &instance.to_string(),
+            jink_runtime::now(),
+            status,
+            watch.link(),
+            ends,
+        )
+        .with_space(space)
+        .with_speed(speed)
+        .with_log_room(instance.logs_have_room() && !instance.logs_lost().exists())
+    }
+
+    /// As `jink status --json` prints it: one JSON object in one line.
+    ///
+    /// # Errors
+    /// Those of the JSON library; none is known.
+    pub fn json(&self) -> serde_json::Result<String> {
+        serde_json::to_string(self)
+    }
+
     /// The report of `instance` at `now`.
     pub fn new(
         instance: &str,
@@ -321,6 +353,18 @@ impl Report {
             .chain(self.services.iter().map(Service::narrow_cells))
             .collect()
     }
+}
+
+/// What the supervisor has written down about processes that ended.
+fn post_mortems(instance: &Instance, status: &SystemStatus) -> Vec<PostMortem> {
+    let read = |name: &str| {
+        let text = std::fs::read_to_string(instance.post_mortem(name)).ok()?;
+        serde_json::from_str(&text).ok()
+    };
+    let processes = status.processes().iter();
+    processes
+        .filter_map(|process| read(process.heartbeat.name.as_str()))
+        .collect()
 }
 
 /// Exit code of `jink status`: 0 healthy, 1 degraded, starting or stopping, 2 failed.

@@ -1,6 +1,6 @@
 //! Each link by itself: what it carries, what was left out, and who was refused.
 
-use jink_control::figures::round;
+use crate::figures::round;
 use jink_shared_types::link::{CLASSES, LinkStatus, LinkTraffic};
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -70,7 +70,7 @@ pub fn table(rows: &[Listed]) -> String {
         }))
         .collect();
     let mut out = String::new();
-    crate::view::status::write_table(&mut out, &lines);
+    crate::status::write_table(&mut out, &lines);
     out
 }
 
