@@ -35,14 +35,22 @@ pub const MAX_PUBLISHERS: usize = 3;
 /// The command line: it may read every topic, and only looks on. It never takes a place that a service may need
 /// ([`TopicRow::spectators`]).
 pub const SPECTATOR: &str = "cli";
-/// The recorder: a spectator, too.
+/// The recorder: it may read every topic, too, and keeps its place.
 const RECORDER: &str = "recorder";
+/// The live page: a spectator as the command line is.
+const VIEWER: &str = "viewer";
+
+/// Whether a program only looks on, and is refused where services may need the place.
+pub fn is_spectator(program: &str) -> bool {
+    program == SPECTATOR || program == VIEWER
+}
+
 /// The same of a topic on which every process publishes.
 const MAX_PUBLISHERS_SHARED: usize = 40;
-/// Readers besides the programs of the row: a recorder, command line tools, and a program that has died and is not cleaned up yet.
+/// Readers besides the programs of the row: a recorder, a live page, command line tools, and a program that has died and is not cleaned up yet.
 const SPECTATORS: usize = 8;
 /// The same of samples from [`LARGE_BYTES`] on: each costs several of them in memory.
-const SPECTATORS_OF_LARGE: usize = 3;
+const SPECTATORS_OF_LARGE: usize = 4;
 const LARGE_BYTES: usize = 64 * 1024;
 /// Subscribers of a topic that every process and its shadow may read. Each subscriber that might come costs a publisher
 /// room for the samples it might hold, and time at its start.
@@ -193,7 +201,7 @@ impl TopicRow {
 
     /// Whether `program` may read the topic.
     pub fn may_read(&self, program: &str) -> bool {
-        program == SPECTATOR
+        is_spectator(program)
             || program == RECORDER
             || self.consumers.iter().any(|name| *name == "*" || *name == program)
     }
@@ -388,9 +396,9 @@ topics! {
     PARAMETERS: ParameterValues = "parameters",
         from ["parameter_server"], to ["*"],
         1.0 Hz, stale after 2500.0 ms, buffer 2, logged true, wakes true;
-    /// A value that the command line or a ground station wants changed, or that the planner has learned; the answer is in `parameters`.
+    /// A value that the command line, the live page or a ground station wants changed, or that the planner has learned; the answer is in `parameters`.
     PARAMETER_CHANGE: ParameterChange = "parameters/change",
-        from ["cli", "ground_services", "planner"], to ["parameter_server"],
+        from ["cli", "viewer", "ground_services", "planner"], to ["parameter_server"],
         0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes true;
     /// Somebody is about to end jink in flight: the vehicle is to be brought to rest and left to the autopilot.
     STOP_REQUEST: StopRequest = "vehicle/stop_request",

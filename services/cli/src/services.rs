@@ -17,6 +17,7 @@ pub fn named(name: &str) -> Option<fn() -> ExitCode> {
         "jink-parameter-server" => run::<jink_parameter_server::ParameterService>,
         "jink-ground-services" => run::<jink_ground_services::GroundServicesService>,
         "jink-recorder" => run::<jink_recorder::RecorderService>,
+        "jink-viewer" => run::<jink_viewer::ViewerService>,
         "jink-rangefinder-driver" => device::run::<jink_rangefinder_driver::RangefinderService>,
         "jink-depth-driver" => device::run::<jink_depth_driver::DepthCameraService>,
         "jink-lidar-driver" => device::run::<jink_lidar_driver::LidarService>,

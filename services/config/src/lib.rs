@@ -10,6 +10,7 @@ mod overlay;
 mod parameters;
 pub mod sensor_sets;
 pub mod sensor_table;
+mod viewer;
 
 pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
@@ -17,6 +18,7 @@ pub use mistakes::{Examination, all_mistakes};
 pub use overlay::{
     Examined, Layer, PROFILE_FOLDER, Resolved, SensorsExamined, sensor_place, sensors, sensors_of_ours,
 };
+pub use viewer::Viewer;
 
 use jink_shared_types::params::{Param, ParamSet};
 use jink_shared_types::ranges::{SENSORS, deadline_us};
@@ -28,6 +30,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
+use viewer::ViewerTable;
 
 /// Name of the configuration file in its folder.
 pub const CONFIG_FILE: &str = "jink.toml";
@@ -83,6 +86,8 @@ pub struct Config {
     pub link: Link,
     /// What is recorded, and where.
     pub recorder: Recorder,
+    /// Where the live page is served.
+    pub viewer: Viewer,
     /// The virtual world, where there is one.
     pub simulation: Simulation,
     /// Names of the sensors that publish point clouds, and of those that publish scans.
@@ -247,6 +252,7 @@ struct File {
     params: BTreeMap<Spanned<String>, Spanned<f64>>,
     link: Link,
     recorder: RecorderTable,
+    viewer: ViewerTable,
     simulation: Simulation,
     sensor: Vec<Spanned<SensorTable>>,
     parameter: Vec<Spanned<parameters::Written>>,
@@ -297,10 +303,12 @@ impl Config {
     /// [`ConfigError`] naming file and line.
     pub fn parse(file: &Path, text: &str) -> Result<Self, ConfigError> {
         let config = Self::parse_over(file, text, &[])?;
+        let layers = [Layer::of(file, text)];
         let reversed = config.params.reversed().next();
-        reversed.map_or(Ok(config), |error| {
-            Err(overlay::reversed(&[Layer::of(file, text)], &error))
-        })
+        let reversed = reversed.map(|error| overlay::reversed(&layers, &error));
+        reversed
+            .or_else(|| overlay::open_viewer(&layers, &config.viewer))
+            .map_or(Ok(config), Err)
     }
 
     /// The same of a text that lies over another one, which declares these parameters; a list of its own replaces them.
@@ -339,7 +347,12 @@ impl Config {
             return Err(at(wrong.span().start, message));
         }
         let before_event_s = before_event_s.map_or(0.0, |s| *s.get_ref());
+        let viewer = parsed
+            .viewer
+            .read()
+            .map_err(|(place, message)| at(place, message))?;
         let mut config = Self {
+            viewer,
             param_store: (!parsed.param_store.is_empty()).then(|| PathBuf::from(&parsed.param_store)),
             log_dir: (!parsed.log_dir.is_empty()).then(|| PathBuf::from(&parsed.log_dir)),
             log_max_mb: parsed.log_max_mb.map_or(LOG_MAX_MB, |mb| *mb.get_ref()),

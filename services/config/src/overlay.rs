@@ -2,8 +2,8 @@
 //! names the file and line (or the argument) it comes from.
 
 use super::{
-    CONFIG_FILE, Config, ConfigError, all_mistakes, is_user_kind, line_of, parse_toml, read, sensor_sets,
-    with_nearest,
+    CONFIG_FILE, Config, ConfigError, Viewer, all_mistakes, is_user_kind, line_of, parse_toml, read,
+    sensor_sets, with_nearest,
 };
 use crate::sensor_table::Told;
 use jink_shared_types::params::{Param, ParamError};
@@ -285,6 +285,15 @@ pub(super) fn reversed(layers: &[Layer], error: &ParamError) -> ConfigError {
     }
 }
 
+/// The error for a live page that everybody could read, at the uppermost of `layers` that says where it is served.
+pub(super) fn open_viewer(layers: &[Layer], viewer: &Viewer) -> Option<ConfigError> {
+    let message = viewer.refusal()?;
+    let mut places = layers.iter().rev();
+    let place = places.find_map(|layer| Some((layer.file.clone(), layer.line("viewer", "address")?)));
+    let (file, line) = place.unwrap_or_default();
+    Some(ConfigError { file, line, message })
+}
+
 impl Config {
     /// Reads `jink.toml` in `folder`, lays `profiles/<profile>.toml` over it, then the set of sensors ([`sensor_sets`]) that
     /// `sensors` names, then the `section.key=value` of `overrides` in their order. A list (the sensors) replaces the list below it,
@@ -377,6 +386,9 @@ impl Config {
                     .reversed()
                     .map(|error| reversed(&examined.layers, &error));
                 examined.mistakes.extend(reversed);
+                examined
+                    .mistakes
+                    .extend(open_viewer(&examined.layers, &config.viewer));
                 examined.resolved = Resolved { text, config };
             }
             Err(error) => examined.mistakes.push(error),

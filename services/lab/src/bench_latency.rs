@@ -2,6 +2,7 @@
 
 use jink_control::{EXIT_PROBLEM, Interrupt, Problem, arguments, autopilot, places, provenance, say, sayln};
 use jink_lab::latency::{Bench, Disturbance, Disturber, Load, Measured, Provenance, Readers, Recorder, html};
+use jink_lab::rig::live_page::ShownPage;
 use jink_lab::rig::show::Show;
 use jink_lab::rig::{Observer, Plan, instance};
 use jink_runtime::{Instance, Session};
@@ -190,6 +191,7 @@ impl Args {
             overrides: Vec::new(),
             autopilot: autopilot::Args::default(),
             keeps_sensed: false,
+            live_page: ShownPage::Ignored,
         }
     }
 

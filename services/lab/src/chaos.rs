@@ -4,6 +4,7 @@ use jink_control::{EXIT_PROBLEM, Interrupt, Problem, arguments, autopilot, place
 use jink_lab::drill::{APART_S, Fault, SUPERVISOR, drawn};
 use jink_lab::fault_matrix::Campaign;
 use jink_lab::flight_log::Outcome;
+use jink_lab::rig::live_page::ShownPage;
 use jink_lab::rig::show::Show;
 use jink_lab::rig::{Plan, instance, usual_limit_s};
 use jink_runtime::config::process_names;
@@ -77,6 +78,7 @@ impl Args {
             overrides: self.overrides.clone(),
             autopilot: autopilot::Args::default(),
             keeps_sensed: false,
+            live_page: ShownPage::Ignored,
         })
     }
 }

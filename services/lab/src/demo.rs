@@ -6,6 +6,7 @@ use jink_control::{
 use jink_lab::drill::{Drill, SUPERVISOR};
 use jink_lab::flight_log::Outcome;
 use jink_lab::picture::World;
+use jink_lab::rig::live_page::ShownPage;
 use jink_lab::rig::show::Show;
 use jink_lab::rig::{Flown, Plan, instance, usual_limit_s};
 use jink_runtime::Instance;
@@ -16,6 +17,8 @@ use std::process::ExitCode;
 /// What to fly.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
+A live page shows the flight in a browser; the line `watch:` says where (docs/viewer.md); `--set viewer.address=` serves none.
+
 Flights are recorded in ~/.local/state/jink/recordings, the last ten minutes or so (docs/recordings.md); `--set recorder.folder=` records
 none.
 
@@ -51,7 +54,7 @@ pub struct Args {
     /// Draw the flight from above
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
-    /// Plain lines of progress even on a terminal
+    /// Plain lines of progress even on a terminal, and no live page
     #[arg(long)]
     headless: bool,
     /// One JSON object with the figures as the last line
@@ -97,10 +100,21 @@ impl Args {
         })
     }
 
+    /// The live page is served for whoever watches, unless the configuration says where or nobody does.
+    fn viewer(&self, config: &Path) -> Option<String> {
+        let is_named = Config::load(config).is_ok_and(|config| config.viewer.address.is_some());
+        let is_set = self
+            .overrides
+            .iter()
+            .any(|set| set.starts_with("viewer.address="));
+        (!self.headless && !is_named && !is_set).then(|| "viewer.address=127.0.0.1:0".to_owned())
+    }
+
     fn plan(&self, programs: PathBuf) -> Result<Plan, Problem> {
         let usual_s = usual_limit_s(self.legs, self.autopilot.is_sitl());
         let config = places::config_folder(self.config.as_deref())?;
         let mut overrides = self.recording(&config);
+        overrides.extend(self.viewer(&config));
         overrides.extend_from_slice(&self.overrides);
         Ok(Plan {
             programs,
@@ -115,6 +129,10 @@ impl Args {
             overrides,
             autopilot: self.autopilot.clone(),
             keeps_sensed: self.svg.is_some(),
+            live_page: match self.headless {
+                true => ShownPage::Named,
+                false => ShownPage::Opened,
+            },
         })
     }
 }

@@ -213,6 +213,16 @@ impl Instance {
         self.folder().join("recording")
     }
 
+    /// The address of the live page, in a file.
+    pub fn viewer_address(&self) -> PathBuf {
+        self.folder().join("viewer.address")
+    }
+
+    /// The token of the live page, where the configuration names no file of its own.
+    pub fn viewer_token(&self) -> PathBuf {
+        self.folder().join("viewer.token")
+    }
+
     /// A file that is made to ask the recorder to keep the last seconds.
     pub fn recording_asked(&self) -> PathBuf {
         self.folder().join("recording.asked")
@@ -320,6 +330,8 @@ impl Instance {
             self.proven_profile(),
             self.flight_record(),
             self.log_on_disk(),
+            self.viewer_address(),
+            self.viewer_token(),
         ] {
             unless_gone(&file, std::fs::remove_file(&file))?;
         }

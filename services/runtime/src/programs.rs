@@ -17,7 +17,7 @@ pub const SIMULATOR: &str = "jink-simulator";
 /// The program that writes to disks, in [`JINK`].
 pub const RECORDER: &str = "jink-recorder";
 /// The programs in [`JINK`].
-pub const IN_JINK: [&str; 13] = [
+pub const IN_JINK: [&str; 14] = [
     "jink-supervisor",
     "jink-obstacle-fusion",
     "jink-planner",
@@ -27,6 +27,7 @@ pub const IN_JINK: [&str; 13] = [
     "jink-parameter-server",
     "jink-ground-services",
     RECORDER,
+    "jink-viewer",
     "jink-rangefinder-driver",
     "jink-depth-driver",
     "jink-lidar-driver",

@@ -7,7 +7,7 @@
 //! | `program` | - | one of jink's programs, a file beside jink, or an absolute path |
 //! | `arguments` | `[]` | arguments of this kind of service after `--` |
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
-//! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered), `"recording"` (recordings, logs or telemetry logs have a folder on a disk) |
+//! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered), `"recording"` (recordings, logs or telemetry logs have a folder on a disk), `"viewer"` (the live page has an address) |
 //! | `per_sensor` | none | one process for each `[[sensor]]` of this kind that has a `device`; its name stands for `{sensor}` in `name` and `arguments` |
 //! | `publishes`, `reads` | none | topics that a process called `user_...` may use besides what is open to everybody ([`Foreign`]) |
 //! | `output` | `false` | it sends to the autopilot: `on_failure = "stop_output"` stops it |
@@ -77,6 +77,8 @@ pub enum When {
     VirtualWorld,
     /// Where something is to be kept on a disk: recordings, logs, telemetry logs.
     Recording,
+    /// Where the live page is to be served.
+    Viewer,
 }
 
 impl When {
@@ -88,6 +90,7 @@ impl When {
             Self::SimulatedVehicle => mode == Mode::SimulatedVehicle,
             Self::VirtualWorld => mode != Mode::Real,
             Self::Recording => config.recorder.folder.is_some() || spool::is_wanted(config),
+            Self::Viewer => config.viewer.address.is_some(),
         }
     }
 }

@@ -73,6 +73,8 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-emulated-ground-station",
             ],
             "jink-calibration" => &["jink-shared-types", "jink-control"],
+            // It shows what the commands show, in their words.
+            "jink-viewer" => &["jink-shared-types", "jink-runtime", "jink-control"],
             // All that an aircraft needs is one file. Simulations are never part of it.
             "jink-cli" => &[
                 "jink-shared-types",
@@ -89,6 +91,7 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-ground-services",
                 "jink-recorder",
                 "jink-replay",
+                "jink-viewer",
                 "jink-rangefinder-driver",
                 "jink-depth-driver",
                 "jink-lidar-driver",

@@ -5,6 +5,7 @@ use jink_control::watch::{SpaceWatch, Watch};
 use jink_control::{EXIT_NOT_RUNNING, Problem, running};
 use jink_control::{say, sayln};
 use jink_runtime::Instance;
+use jink_shared_types::health::{ProcessStatus, SystemStatus};
 use std::process::ExitCode;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -68,6 +69,9 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             "{}",
             report.text(since_1970.map_or(0.0, |time| time.as_secs_f64()))
         );
+        if let Some(address) = live_page(instance, &status) {
+            sayln!("viewer: {address}");
+        }
     }
     let is_unfit = report.is_unfit();
     let code = exit_code(status.health.get());
@@ -76,6 +80,18 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     } else {
         code
     }))
+}
+
+/// Where the live page is, if it is served now.
+fn live_page(instance: &Instance, status: &SystemStatus) -> Option<String> {
+    let is_viewer = |process: &&ProcessStatus| process.heartbeat.name.as_str() == "viewer";
+    status
+        .processes()
+        .iter()
+        .find(is_viewer)
+        .filter(|process| process.pid != 0)?;
+    let address = std::fs::read_to_string(instance.viewer_address()).ok()?;
+    Some(address.trim().to_owned())
 }
 
 fn wait<T>(patience: Duration, mut condition: impl FnMut() -> Option<T>) -> Option<T> {

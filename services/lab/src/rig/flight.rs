@@ -2,6 +2,7 @@
 
 use super::Observer;
 use super::drills::{Drills, View};
+use super::live_page::LivePage;
 use super::machine::MachineTimes;
 use super::memory::Memory;
 use super::pilot::Pilot;
@@ -53,6 +54,7 @@ pub struct Flight {
     unfit_since: Option<Instant>,
     /// A real autopilot flies: if it ends, the flight has.
     is_sitl: bool,
+    page: Option<LivePage>,
     // Last: the ports above belong to its connection.
     watch: Watch,
 }
@@ -86,8 +88,15 @@ impl Flight {
             known: KnownSpace::default(),
             unfit_since: None,
             is_sitl,
+            page: None,
             watch,
         })
+    }
+
+    /// The same with a live page that is shown as soon as it is served.
+    pub fn with_page(mut self, page: Option<LivePage>) -> Self {
+        self.page = page;
+        self
     }
 
     /// The connection to the system, for further topics.
@@ -182,6 +191,7 @@ impl Flight {
     }
 
     fn look(&mut self, show: &mut Show) {
+        self.page = self.page.take().and_then(|page| page.look(show));
         let log = &mut self.log;
         self.truth.each(|truth| log.see_truth(truth.sample));
         if let Some(link) = self.watch.link() {

@@ -8,6 +8,7 @@
 mod drills;
 mod flight;
 pub mod instance;
+pub mod live_page;
 mod machine;
 mod memory;
 mod pilot;
@@ -25,6 +26,7 @@ use jink_control::supervisor::{StartOptions, Supervisor};
 use jink_control::{Interrupt, Problem, autopilot, ports, worlds};
 use jink_runtime::{Instance, Session};
 use jink_shared_types::health::SystemStatus;
+use live_page::{LivePage, ShownPage};
 use machine::Machine;
 use pilot::Pilot;
 use show::Show;
@@ -59,6 +61,8 @@ pub struct Plan {
     pub autopilot: autopilot::Args,
     /// Keep what the system sees on its way, for the picture.
     pub keeps_sensed: bool,
+    /// What becomes of the address of the live page.
+    pub live_page: ShownPage,
 }
 
 /// Longest time for one leg unless set otherwise (s).
@@ -188,7 +192,8 @@ impl Plan {
     ) -> Result<Flown, Problem> {
         let watch = supervisor.watch(interrupt)?;
         show.update(&sensors(supervisor.instance()));
-        let mut flight = Flight::new(watch, self.keeps_sensed, self.autopilot.is_sitl(), drills)?;
+        let mut flight = Flight::new(watch, self.keeps_sensed, self.autopilot.is_sitl(), drills)?
+            .with_page(LivePage::of(supervisor.instance(), self.live_page));
         let machine = Machine::watch();
         let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
             Some(outcome) => outcome,

@@ -30,7 +30,7 @@ use iceoryx2::service::port_factory::{PortFactory, event, publish_subscribe};
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as MessagingPatternConfig;
 use jink_shared_types::SampleHeader;
-use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, SPECTATOR, TopicRow};
+use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, TopicRow, is_spectator};
 use std::fmt;
 use std::mem::MaybeUninit;
 use std::os::fd::BorrowedFd;
@@ -69,7 +69,7 @@ impl Connection {
         instance
             .make_folder()
             .map_err(|error| failed(error.to_string()))?;
-        with_patience(instance, program == SPECTATOR, || {
+        with_patience(instance, is_spectator(program), || {
             room::has(&format!("instance {instance}"), room::TO_JOIN_BYTES)
         })?;
         let config = instance
@@ -88,7 +88,7 @@ impl Connection {
         Ok(Self {
             node,
             instance: instance.clone(),
-            is_spectator: program == SPECTATOR,
+            is_spectator: is_spectator(program),
         })
     }
 
@@ -299,7 +299,7 @@ fn spectators(factory: &PubSubFactory) -> usize {
     let mut count = 0;
     let mut look = |details: &Option<NodeDetails>| {
         let name = details.as_ref().map(NodeDetails::name);
-        count += usize::from(name.is_some_and(|name| name.as_str() == SPECTATOR));
+        count += usize::from(name.is_some_and(|name| is_spectator(name.as_str())));
     };
     // Who cannot be looked at is none of ours.
     let _incomplete = factory.nodes(|node| {

@@ -27,12 +27,13 @@ const OVER_MAVLINK: [&str; 2] = ["autopilot_rangefinder", "obstacle_row"];
 
 const DEFAULT_START_GRACE_MS: i64 = 3_000;
 
-const WHEN: [(&str, When); 5] = [
+const WHEN: [(&str, When); 6] = [
     ("always", When::Always),
     ("real", When::Real),
     ("simulated_vehicle", When::SimulatedVehicle),
     ("virtual_world", When::VirtualWorld),
     ("recording", When::Recording),
+    ("viewer", When::Viewer),
 ];
 
 const ON_FAILURE: [(&str, OnFailure); 4] = [

@@ -102,7 +102,7 @@ fn unknown_keys_and_words_are_refused_with_line_and_nearest() {
     );
     assert_eq!(
         error_of(&format!("{SHORT}when = \"simulated\"\n")),
-        "services.toml:4: unknown when \"simulated\"; use one of always, real, simulated_vehicle, virtual_world, recording"
+        "services.toml:4: unknown when \"simulated\"; use one of always, real, simulated_vehicle, virtual_world, recording, viewer"
     );
     assert_eq!(
         error_of(&format!("{SHORT}on_failure = \"stop\"\n")),
@@ -246,6 +246,7 @@ fn each_mode_has_its_processes_and_arguments() {
         row("s", "virtual_world"),
         row("r", "real"),
         row("k", "recording"),
+        row("p", "viewer"),
     ];
     let table = parse(&rows.concat());
     let started_with = |mode: Mode, config: &str| -> Vec<String> {
@@ -260,6 +261,10 @@ fn each_mode_has_its_processes_and_arguments() {
     assert_eq!(
         started_with(Mode::Real, "[recorder]\nfolder = \"/x\"\n"),
         ["a", "r", "k"]
+    );
+    assert_eq!(
+        started_with(Mode::Real, "[viewer]\naddress = \"127.0.0.1:0\"\n"),
+        ["a", "r", "p"]
     );
 }
 
