@@ -113,6 +113,11 @@ impl SpaceWatch {
         self.map.newest()
     }
 
+    /// Hands every route that has come since to `visit`, the oldest first.
+    pub fn each_route(&mut self, visit: impl FnMut(Stamped<'_, Route>)) {
+        self.route.each(visit);
+    }
+
     /// The newest route, however old.
     pub fn route(&mut self) -> Option<Stamped<'_, Route>> {
         self.route.latest(jink_runtime::now());

@@ -664,6 +664,7 @@ class Picture3D {
     const target = new THREE.Mesh(new THREE.TorusGeometry(0.5, 0.07, 10, 32).rotateX(Math.PI / 2), new THREE.MeshBasicMaterial({ color: colour, fog: false }));
     const ball = new THREE.Mesh(new THREE.SphereGeometry(0.16, 16, 12), new THREE.MeshBasicMaterial({ color: colour, fog: false }));
     goal.add(beam, target, ball);
+    goal.beam = beam;
     goal.visible = false;
     return goal;
   }
@@ -804,8 +805,8 @@ class Picture3D {
   showCorridor(route) {
     const { THREE } = this;
     this.corridor.visible = Boolean(route);
-    if (!route || this.corridorOf === route.id) return;
-    this.corridorOf = route.id;
+    if (!route || this.corridorOf === route.plan) return;
+    this.corridorOf = route.plan;
     const ends = route.corridor.flatMap(edgesOf).flatMap((edge) => edge.map(toScene)).flat();
     this.corridor.geometry.dispose();
     this.corridor.geometry = new THREE.BufferGeometry();
@@ -867,8 +868,8 @@ class Picture3D {
     if (!wide || !high) return;
     // A machine that draws slowly draws coarsely, rather than late.
     this.pace = 0.9 * this.pace + 0.1 * seconds;
-    if (this.pace > 0.07 && this.coarse < 3) Object.assign(this, { coarse: this.coarse + 1, pace: 0.03 });
-    const ratio = Math.min(devicePixelRatio, 2) / (1 + 0.5 * this.coarse);
+    if (this.pace > 0.07 && this.coarse < 2) Object.assign(this, { coarse: this.coarse + 1, pace: 0.03 });
+    const ratio = Math.min(devicePixelRatio, 2) / (1 + 0.4 * this.coarse);
     if (this.size !== `${wide} ${high} ${ratio}`) {
       this.size = `${wide} ${high} ${ratio}`;
       this.renderer.setPixelRatio(ratio);
@@ -909,6 +910,7 @@ class Picture3D {
   aim(centre) {
     const { camera } = this;
     const isTop = look.view === "top";
+    this.goal.beam.visible = !isTop;
     const pitch = isTop ? 1.55 : look.pitch;
     const yaw = look.view === "follow" ? this.motion.yaw + look.turn : look.turn + (isTop ? 0 : 0.6);
     // A narrow picture needs more distance to show as much.

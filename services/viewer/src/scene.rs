@@ -30,6 +30,8 @@ pub struct Scene<'a> {
     pub approved: Option<Stamped<'a, ApprovedTrajectory>>,
     /// What is planned.
     pub route: Option<Stamped<'a, Route>>,
+    /// The plan that is flown, or was made just now.
+    pub plan: Option<&'a Route>,
     /// What the guard sees.
     pub ring: Option<Stamped<'a, SectorRing>>,
     /// What moves.
@@ -52,7 +54,7 @@ impl Scene<'_> {
             "approved": self.approved.map(|approved| {
                 self.aged(approved.header, &topics::APPROVED.row, self.approved_value(&approved))
             }),
-            "route": self.route.map(|route| self.aged(route.header, &topics::ROUTE.row, self.route_value(&route))),
+            "route": self.route.map(|route| self.aged(route.header, &topics::ROUTE.row, route_value(&route, self.plan))),
             "ring": self.ring.map(|ring| self.aged(ring.header, &topics::RING.row, self.ring_value(&ring))),
             "moving": self.moving.map(|moving| self.aged(moving.header, &topics::MOVING_OBSTACLES.row, moving_value(&moving))),
             "map": self.map.map(|header| self.aged(&header, &topics::LOCAL_MAP.row, json!({}))),
@@ -91,30 +93,6 @@ impl Scene<'_> {
         })
     }
 
-    fn route_value(&self, route: &Route) -> Value {
-        // Without a plan there is none of these.
-        let guide: Vec<Value> = route.guide().iter().map(|point| triple(point.vector())).collect();
-        let corridor: Vec<Vec<[f64; 4]>> = route
-            .corridor()
-            .iter()
-            .map(|piece| {
-                let planes = piece.planes().iter();
-                let four = |[north, east, down]: [f64; 3], offset_m| [north, east, down, offset_m].map(round);
-                planes.map(|plane| four(plane.normal, plane.offset_m)).collect()
-            })
-            .collect();
-        let has_goal = route.mode != RouteMode::Mirror
-            && route.goal.is_finite()
-            && route.goal.vector() != Vector3::zeros();
-        json!({
-            "id": route.id.to_string(),
-            "mode": route.mode.get().to_string(),
-            "goal": has_goal.then(|| triple(route.goal.vector())),
-            "guide": guide,
-            "corridor": corridor,
-        })
-    }
-
     fn ring_value(&self, ring: &SectorRing) -> Value {
         let sectors: Vec<Value> = ring
             .distance_m
@@ -137,6 +115,33 @@ impl Scene<'_> {
             "sectors": sectors,
         })
     }
+}
+
+/// The mode of a route, its goal, and guide and corridor of the plan.
+fn route_value(route: &Route, plan: Option<&Route>) -> Value {
+    let guide: Vec<Value> = plan
+        .map_or(&[][..], Route::guide)
+        .iter()
+        .map(|point| triple(point.vector()))
+        .collect();
+    let corridor: Vec<Vec<[f64; 4]>> = plan
+        .map_or(&[][..], Route::corridor)
+        .iter()
+        .map(|piece| {
+            let planes = piece.planes().iter();
+            let four = |[north, east, down]: [f64; 3], offset_m| [north, east, down, offset_m].map(round);
+            planes.map(|plane| four(plane.normal, plane.offset_m)).collect()
+        })
+        .collect();
+    let has_goal =
+        route.mode != RouteMode::Mirror && route.goal.is_finite() && route.goal.vector() != Vector3::zeros();
+    json!({
+        "plan": plan.map(|plan| plan.id.to_string()),
+        "mode": route.mode.get().to_string(),
+        "goal": has_goal.then(|| triple(route.goal.vector())),
+        "guide": guide,
+        "corridor": corridor,
+    })
 }
 
 fn vehicle_value(vehicle: &VehicleState) -> Value {

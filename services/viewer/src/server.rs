@@ -4,6 +4,7 @@ use crate::access::{Access, Refused};
 use crate::board::{Board, Reader};
 use crate::http::{self, Answer, BadRequest, Request};
 use crate::recordings;
+use rustix::net::sockopt::set_socket_send_buffer_size;
 use serde::Deserialize;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -35,6 +36,8 @@ const CHANGE_PATIENCE: Duration = Duration::from_secs(6);
 const GUESS_PAUSE: Duration = Duration::from_millis(300);
 /// Bytes of a file that are sent at once.
 const CHUNK: usize = 64 << 10;
+/// What waits in the kernel for a reader (bytes): some frames of everything, so that whoever is slow sees what is new and not what was.
+const SENDING: usize = 256 << 10;
 /// Stack of a thread (bytes): where memory is locked, all of it is in memory.
 const STACK_BYTES: usize = 256 << 10;
 /// Nice value of all threads: whatever flies comes first.
@@ -151,6 +154,7 @@ impl Server {
     fn answer(&self, mut stream: TcpStream) -> std::io::Result<()> {
         stream.set_write_timeout(Some(STUCK))?;
         stream.set_nodelay(true)?;
+        set_socket_send_buffer_size(&stream, SENDING)?;
         let local = stream.local_addr()?;
         let local = SocketAddr::new(local.ip().to_canonical(), local.port());
         let request = match Request::read(&mut stream) {

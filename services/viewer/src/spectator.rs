@@ -16,7 +16,7 @@ use jink_runtime::{Input, Instance, OpenError, Session};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::health::SystemStatus;
-use jink_shared_types::motion::{ApprovedTrajectory, RouteMode};
+use jink_shared_types::motion::{ApprovedTrajectory, Route, RouteMode};
 use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::ParamSet;
@@ -100,6 +100,8 @@ pub struct Spectator {
     reported: VecDeque<serde_json::Value>,
     has_new_events: bool,
     wanted: Option<(Timestamp, RouteMode)>,
+    /// The last route that was a plan, with the time of its publication: most routes say that nothing is new.
+    plan: Option<(Timestamp, Box<Route>)>,
     status: Option<(Timestamp, SystemStatus)>,
     shown_parameters: Option<ParameterValues>,
     due: [Due; crate::board::PARTS],
@@ -143,6 +145,7 @@ impl Spectator {
             reported: VecDeque::with_capacity(EVENTS_MAX + 1),
             has_new_events: true,
             wanted: None,
+            plan: None,
             status: None,
             shown_parameters: None,
             due: [Due::default(); crate::board::PARTS],
@@ -349,6 +352,7 @@ impl Spectator {
     }
 
     fn post_scene(&mut self, now: Timestamp, board: &Board) {
+        self.note_routes();
         let (space, _) = self.space();
         self.watch.link();
         let large = self.large.as_mut();
@@ -371,9 +375,6 @@ impl Spectator {
             }
             None => ([None; 3], None),
         };
-        if let Some((header, route)) = route.filter(|(_, route)| route.mode != RouteMode::Keep) {
-            self.wanted = Some((header.publish, route.mode.get()));
-        }
         self.approved.latest(now);
         self.ring.latest(now);
         self.moving.latest(now);
@@ -414,6 +415,14 @@ impl Spectator {
                 sample: *sample,
                 header,
             }),
+            plan: self
+                .plan
+                .as_ref()
+                .filter(|(at, plan)| {
+                    let is_flown = approved.is_some_and(|approved| approved.trajectory.route_id == plan.id);
+                    is_flown || now.seconds_since(*at) < WANTED_FOR_S
+                })
+                .map(|(_, plan)| &**plan),
             ring: self.ring.newest(),
             moving: self.moving.newest(),
             map,
@@ -424,6 +433,27 @@ impl Spectator {
         value["lines"] = json!(facts.lines());
         value["instance"] = json!(self.instance.to_string());
         post_text(board, Part::Scene, &value);
+    }
+
+    /// What the planner has wanted last, and its last plan.
+    fn note_routes(&mut self) {
+        let Some(large) = &mut self.large else { return };
+        let (wanted, plan) = (&mut self.wanted, &mut self.plan);
+        large.space.each_route(|route| {
+            let publish = route.header.publish;
+            if route.mode != RouteMode::Keep {
+                *wanted = Some((publish, route.mode.get()));
+            }
+            if route.mode == RouteMode::Plan {
+                match plan {
+                    Some((at, kept)) => {
+                        *at = publish;
+                        kept.clone_from(route.sample);
+                    }
+                    None => *plan = Some((publish, Box::new(*route.sample))),
+                }
+            }
+        });
     }
 
     fn post_maps(&mut self, now: Timestamp, board: &Board) {
