@@ -221,7 +221,12 @@ impl Spectator {
                     poses.pop_front();
                 }
             }
-            let (resets, is_armed) = (vehicle.estimator_resets, vehicle.armed.is_set());
+            let resets = vehicle.estimator_resets;
+            // Of a gateway that has just started it is not known: what is flown goes on.
+            let is_armed = match vehicle.mode_pending.is_set() {
+                true => trail_of.1,
+                false => vehicle.armed.is_set(),
+            };
             if trail_of.0 != resets || is_armed && !trail_of.1 {
                 trail.clear();
             }
@@ -448,7 +453,7 @@ impl Spectator {
                 match plan {
                     Some((at, kept)) => {
                         *at = publish;
-                        kept.clone_from(route.sample);
+                        **kept = *route.sample;
                     }
                     None => *plan = Some((publish, Box::new(*route.sample))),
                 }

@@ -200,8 +200,8 @@ fn a_change_is_passed_on_and_its_answer_comes_back() {
     let (address, board) = served(false, None);
     let service = std::thread::spawn(move || {
         let begin = Instant::now();
-        let mut values = vec![Ok(4.5), Err("OA_SPD_MAX = 99 is outside 0.3 to 20".to_owned())].into_iter();
-        while let Some(value) = values.next() {
+        let refusal = "OA_SPD_MAX = 99 is outside 0.3 to 20".to_owned();
+        for value in [Ok(4.5), Err(refusal)] {
             let change = loop {
                 if let Some(change) = board.next_change() {
                     break change;
