@@ -112,10 +112,13 @@ try {
   const figures = await (await fetch(`${flight.address}status.json`)).json();
   check("status.json has the services", figures.services?.length > 8);
   check("nothing went wrong on the page, and nothing was asked of others", page.problems.length === 0, page.problems.join("; "));
+  // One page at a time: each is drawn by the processor that flies.
+  await page.context().close();
 
   const dark = await open({ ...desktop, colorScheme: "dark" });
   await dark.waitForTimeout(4000);
   await picture(dark, "desktop_dark_follow");
+  await dark.context().close();
   for (const colorScheme of ["light", "dark"]) {
     const small = await open({ ...phone, colorScheme });
     await small.waitForTimeout(4000);
@@ -135,14 +138,11 @@ try {
   await plain.waitForTimeout(1500);
   await picture(plain, "desktop_without_webgl");
   check("without WebGL there are a plan, all words, and the reason", true);
-  await plain.context().close();
-
-  await dark.context().close();
   await flight.stop();
   if (!arguments_[0]) {
-    await page.waitForFunction(() => document.body.classList.contains("lost"));
-    await picture(page, "desktop_light_lost");
-    check("a connection that is lost is said", (await page.locator("#lost").innerText()).includes("connection lost"));
+    await plain.waitForFunction(() => document.body.classList.contains("lost"));
+    await picture(plain, "desktop_lost");
+    check("a connection that is lost is said", (await plain.locator("#lost").innerText()).includes("connection lost"));
   }
 } finally {
   await browser.close();
