@@ -108,7 +108,7 @@ fn show(report: &Report) {
         }))
         .collect();
     let mut table = String::new();
-    jink_cli::view::status::write_table(&mut table, &rows);
+    jink_control::status::write_table(&mut table, &rows);
     sayln!("{table}");
     match report.first() {
         Some(first) => sayln!("first difference: {first}"),
