@@ -990,6 +990,8 @@ class Picture2D {
     this.before = time;
     const [wide, high] = [canvas.clientWidth, canvas.clientHeight];
     Object.assign(canvas, { width: wide, height: high });
+    pen.fillStyle = css("--ground");
+    pen.fillRect(0, 0, wide, high);
     const centre = motion.at ?? [0, 0, 0], scale = Math.min(wide, high) / (look.distance * 1.1);
     const place = ([north, east]) => [wide / 2 + (east - centre[1]) * scale, high / 2 - (north - centre[0]) * scale];
     const ground = scene.vehicle?.home_down_m ?? 0, ramp = heights();
@@ -1062,6 +1064,7 @@ async function openPicture() {
     $("no-picture").hidden = false;
     $("no-picture").textContent = `A plan from above instead of the picture: this browser gives no WebGL (${problem.message}).`;
     $("views").hidden = true;
+    look.distance = DISTANCES.top;
   }
   buildViews(canvas);
   for (const [name] of LAYERS) picture.toggled(name);
