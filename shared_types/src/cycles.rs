@@ -37,6 +37,7 @@ crate::sample! {
         /// A cycle, what it took, the next cycle.
         pub entries: [CycleEntry; CYCLE_ENTRIES],
     }
+    plausible if Self::is_consistent
 }
 
 impl Default for CycleEntries {
@@ -51,6 +52,11 @@ impl Default for CycleEntries {
 }
 
 impl CycleEntries {
+    /// Whether it has room for the entries that it counts.
+    pub fn is_consistent(&self) -> bool {
+        self.len as usize <= CYCLE_ENTRIES
+    }
+
     /// The entries in use.
     pub fn entries(&self) -> &[CycleEntry] {
         &self.entries[..(self.len as usize).min(CYCLE_ENTRIES)]

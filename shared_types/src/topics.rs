@@ -362,7 +362,7 @@ topics! {
         20.0 Hz, stale after 100.0 ms, buffer 4, logged true, wakes false;
     /// What each cycle took of its inputs, of every service that puts out nothing but what follows from them; only while it is recorded.
     CYCLES: CycleEntries = "cycles/*",
-        from ["*"], to [],
+        from ["*"], to ["recorder"],
         20.0 Hz, stale after 1000.0 ms, buffer 8, logged true, wakes false;
     /// Events for the pilot, of every process.
     EVENT: EventSample = "event",

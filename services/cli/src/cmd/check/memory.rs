@@ -52,7 +52,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
         Err(problem) => return Ok(Outcome::Refused(problem.to_string())),
     };
     // The supervisor publishes, too.
-    let need = Need::of(process_names(&folder).len() + 1, &config.sensors, &foreign.topics);
+    let need = Need::of(process_names(&folder).len() + 1, &config, &foreign.topics);
     let used = room::used_bytes(instance);
     let free = room::available_bytes().map_err(Problem::io(SHARED_MEMORY))?;
     let available = free.saturating_add(used);
