@@ -73,8 +73,8 @@ pub struct Args {
 /// Logs are kept of so many flights that ended badly, the newest ones.
 const DEMONSTRATIONS_KEPT: usize = 10;
 
-/// What the recordings of demonstrations may take together (MB): some ten minutes of flight.
-const RECORDINGS_MAX_MB: u32 = 400;
+/// What the recordings of demonstrations may take together (MB): some ten minutes of flight, with the clouds of a lidar.
+const RECORDINGS_MAX_MB: u32 = 1000;
 
 /// What flies where neither sensors nor a configuration are named: what can be bought.
 const SENSORS: &str = "mid360";
@@ -96,6 +96,8 @@ impl Args {
             vec![
                 format!("recorder.folder={}", folder.display()),
                 format!("recorder.max_mb={RECORDINGS_MAX_MB}"),
+                // Fusion and guard can be replayed with them only.
+                "recorder.clouds=true".to_owned(),
             ]
         })
     }

@@ -87,8 +87,12 @@ impl TopicRecorder {
         let series = FileSeries::new(folder, "mcap", setup.generation, max_bytes);
         let foreign = Foreign::load(&setup.config)?;
         let members = Members::of_config(&setup.config);
-        let unopened = TABLE
-            .iter()
+        // First what the supervisor says before anybody else has started: everybody takes it at his start.
+        let of_supervisor = |row: &&TopicRow| row.producers == ["supervisor"];
+        let (first, then): (Vec<&TopicRow>, Vec<&TopicRow>) = TABLE.iter().partition(of_supervisor);
+        let unopened = first
+            .into_iter()
+            .chain(then)
             .filter(|row| row.logged)
             .flat_map(|row| members.topics(row).into_iter().map(|name| (*row, name)))
             .filter(|(row, _)| recorder.clouds || row.name != RANGE_CLOUD.row.name)
