@@ -229,7 +229,7 @@ fn has_room(args: &Args, config: &Config) -> Result<(), Failure> {
     let foreign = Foreign::load(&args.config)?;
     // The supervisor publishes, too.
     let processes = process_names(&args.config).len() + 1;
-    Ok(Need::of(processes, &config, &foreign.topics).has_room()?)
+    Ok(Need::of(processes, config, &foreign.topics).has_room()?)
 }
 
 /// Adopts what an earlier supervisor has started; returns how many. Second instances are ended: what they
