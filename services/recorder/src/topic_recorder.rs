@@ -164,12 +164,7 @@ impl TopicRecorder {
         }
         if now >= self.lost_due {
             self.lost_due = now.plus_seconds(LOST_PERIOD_S);
-            for (channel, recorded) in self.inputs.iter_mut().enumerate() {
-                let lost = std::mem::take(&mut recorded.lost);
-                if lost > 0 {
-                    self.batch.push_lost(channel, lost);
-                }
-            }
+            self.say_lost();
         }
         let is_due =
             self.batch.len_bytes() >= HANDED_BYTES || now >= self.handed.plus_seconds(HANDED_AFTER_S);
@@ -183,6 +178,16 @@ impl TopicRecorder {
                 false => &RECORDING_AGAIN,
             };
             cycle.events.publish(now, &EventSample::new(event, "", [0.0; 2]));
+        }
+    }
+
+    /// Says what is missing since the last time.
+    fn say_lost(&mut self) {
+        for (channel, recorded) in self.inputs.iter_mut().enumerate() {
+            let lost = std::mem::take(&mut recorded.lost);
+            if lost > 0 {
+                self.batch.push_lost(channel, lost);
+            }
         }
     }
 
@@ -238,6 +243,16 @@ impl Visitor for Make<'_> {
     fn visit<T: SampleLayout + Debug + 'static>(self, topic: Topic<T>) -> Self::Output {
         let member = topic.row.member_of(self.name).unwrap_or_default();
         self.session.hold(topic, member)
+    }
+}
+
+impl Drop for TopicRecorder {
+    /// What was taken last, and what is missing of it, is in the file, too.
+    fn drop(&mut self) {
+        self.say_lost();
+        if !self.batch.is_empty() {
+            self.hand_over(jink_runtime::now());
+        }
     }
 }
 
