@@ -10,7 +10,7 @@ use toml::Spanned;
 pub struct Viewer {
     /// Address and port; port 0 = any free one. `None` = nothing is served.
     pub address: Option<SocketAddr>,
-    /// The file with the token that readers beyond this host need, and whoever changes a parameter.
+    /// The file with the token: readers on other hosts need it, and changes of parameters.
     pub token_file: Option<PathBuf>,
 }
 
@@ -26,7 +26,7 @@ impl ViewerTable {
     /// What it says.
     ///
     /// # Errors
-    /// Place and sentence of what is no address, or no absolute path.
+    /// The first mistake, an address that is none or a path that is not absolute: where it stands, and a sentence about it.
     pub(super) fn read(&self) -> Result<Viewer, (usize, String)> {
         let given = |word: &Option<Spanned<String>>| {
             let word = word.as_ref().filter(|word| !word.get_ref().is_empty())?;

@@ -107,7 +107,7 @@ impl SpaceWatch {
         PlannedSpeed::of(route.sample)
     }
 
-    /// The newest map, however old: whoever needs it besides takes no place of its own among the readers of a large topic.
+    /// The newest map, however old: a program that needs it besides takes no second place among the readers of a large topic.
     pub fn map(&mut self) -> Option<Stamped<'_, LocalMap>> {
         self.map.latest(jink_runtime::now());
         self.map.newest()

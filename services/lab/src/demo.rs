@@ -102,7 +102,7 @@ impl Args {
         })
     }
 
-    /// The live page is served for whoever watches, unless the configuration says where or nobody does.
+    /// The live page is served, unless the configuration names an address or the demonstration is headless.
     fn viewer(&self, config: &Path) -> Option<String> {
         let is_named = Config::load(config).is_ok_and(|config| config.viewer.address.is_some());
         let is_set = self

@@ -27,5 +27,5 @@ mod tests;
 mod topic_recorder;
 mod writer;
 
-pub use recording::{About, Channel, Kept, LOST, Recording};
+pub use recording::{About, Channel, Kept, LOST, PARAMETERS_FILE, Recording};
 pub use service::RecorderService;

@@ -9,6 +9,8 @@ use std::io::{Seek, Write};
 
 /// The channel that says what is not there: JSON with the topic and how many of its samples.
 pub const LOST: &str = "recorder/lost";
+/// The attachment that holds the parameters as they were when the instance came up.
+pub const PARAMETERS_FILE: &str = "parameters_at_start.toml";
 /// Bytes of a chunk before it is compressed: what is lost at most when the board loses its power, and what a reader has to look at for
 /// one message.
 const CHUNK_BYTES: u64 = 1 << 20;

@@ -1,7 +1,7 @@
 //! Looks at every topic fifty times a second, and hands what it finds to the thread that writes.
 
 use crate::layouts::Layout;
-use crate::recording::{About, Channel};
+use crate::recording::{About, Channel, PARAMETERS_FILE};
 use crate::schema::{self, Schema};
 use crate::writer::{Batch, WriterThread};
 use jink_runtime::config::{CONFIG_FILE, Foreign, PROCESS_FILE};
@@ -23,8 +23,6 @@ const OPEN_PERIOD_S: f64 = 0.5;
 const ASKED_PERIOD_S: f64 = 0.5;
 /// How often samples that are not there are said (s).
 const LOST_PERIOD_S: f64 = 1.0;
-/// What the parameters at the start of the instance are called in a recording.
-const PARAMETERS_FILE: &str = "parameters_at_start.toml";
 /// Bytes that are handed over at once: fewer are kept for the next look, so that the thread is not woken for each.
 const HANDED_BYTES: usize = 256 << 10;
 /// The longest that they are kept (s).

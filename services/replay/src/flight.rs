@@ -1,8 +1,9 @@
 //! The flight: recorded samples as they are read, the cycles that can be replayed with them, and what comes of it.
 
-use crate::difference::{self, FieldDifference};
+use crate::difference;
 use crate::instance::{Instance, InstanceName, Params, RecordedCycle, Start};
 use crate::output::Output;
+use crate::report::{Compared, Difference, Report};
 use crate::{ReplayError, layout};
 use jink_recorder::Channel;
 use jink_recorder::reading::{Message, Reading, RecordedSample};
@@ -14,7 +15,6 @@ use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::topics::{CYCLES, EVENT, HEALTH, PARAMETERS, RANGE_CLOUD, SIM_TRUTH, TABLE, TopicRow};
 use jink_shared_types::{SampleHeader, Timestamp};
 use std::collections::{BTreeMap, VecDeque};
-use std::fmt;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -54,75 +54,6 @@ pub struct Progress {
     pub flight_s: f64,
     /// Cycles.
     pub cycles: u64,
-}
-
-/// A difference between a recorded flight and its replay.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Difference {
-    /// The topic.
-    pub topic: String,
-    /// The number of the cycle.
-    pub cycle: u32,
-    /// When the cycle began: after the begin of the recording (ns).
-    pub at_ns: u64,
-    /// What differs; `None`: a sample is there only once.
-    pub field: Option<FieldDifference>,
-    /// The sample was published in the flight.
-    pub is_recorded: bool,
-}
-
-impl fmt::Display for Difference {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let at_s = self.at_ns as f64 * 1e-9;
-        write!(f, "{} at {at_s:.3} s (cycle {}): ", self.topic, self.cycle)?;
-        match (&self.field, self.is_recorded) {
-            (Some(field), _) => write!(f, "{field}"),
-            (None, true) => f.write_str("a recorded sample is not published any more"),
-            (None, false) => f.write_str("a sample is published that was not recorded"),
-        }
-    }
-}
-
-/// What has come of one start of a process.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Compared {
-    /// Which.
-    pub instance: InstanceName,
-    /// Cycles that were replayed.
-    pub cycles: u64,
-    /// Samples that were compared.
-    pub samples: u64,
-    /// Those that differ.
-    pub differing: u64,
-    /// The first difference.
-    pub first: Option<Difference>,
-    /// Why it was not replayed to its end.
-    pub ends: Option<String>,
-}
-
-/// What has come of a replay.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Report {
-    /// In the order of their names.
-    pub instances: Vec<Compared>,
-    /// How long the flight was (s).
-    pub flight_s: f64,
-}
-
-impl Report {
-    /// Whether every start of each process was replayed to its end.
-    pub fn is_whole(&self) -> bool {
-        !self.instances.is_empty() && self.instances.iter().all(|compared| compared.ends.is_none())
-    }
-
-    /// The first difference of all.
-    pub fn first(&self) -> Option<&Difference> {
-        let all = self
-            .instances
-            .iter()
-            .filter_map(|compared| compared.first.as_ref());
-        all.min_by_key(|difference| difference.at_ns)
-    }
 }
 
 /// Replays a flight.
@@ -382,9 +313,7 @@ impl<'a> Flight<'a> {
             if self.options.is_chain {
                 self.make(topic, entry.time)?;
             }
-            let samples = self.topics.get(topic).map(|topic| &topic.samples);
-            let of_the_time = |sample: &&Recorded| sample.header.publish == entry.time;
-            let Some(sample) = samples.and_then(|samples| samples.iter().rev().find(of_the_time)) else {
+            let Some(sample) = self.sample(topic, entry.time) else {
                 compared(&mut self.compared, name).ends = Some(missing(topic, entry.time, self.begin));
                 return Ok(());
             };
@@ -411,10 +340,15 @@ impl<'a> Flight<'a> {
                 .cloned()
                 .try_for_each(|known| self.check_layout(&known))?;
         }
-        instance.done = cycle.begin;
         let end = instance.cycles.front().map(|next| next.begin);
         self.compare(name, instance, &cycle, end, published);
         Ok(())
+    }
+
+    /// The sample of a topic that was published at `publish`.
+    fn sample(&self, topic: &str, publish: Timestamp) -> Option<&Recorded> {
+        let mut samples = self.topics.get(topic)?.samples.iter().rev();
+        samples.find(|sample| sample.header.publish == publish)
     }
 
     /// The sample with the parameters that are to have other values, if that is what it says.
@@ -475,9 +409,7 @@ impl<'a> Flight<'a> {
 
     /// Runs the cycle of the replayed service that published a sample, if it has not been run.
     fn make(&mut self, topic: &str, publish: Timestamp) -> Result<(), ReplayError> {
-        let samples = self.topics.get(topic).map(|topic| &topic.samples);
-        let of_the_time = |sample: &&Recorded| sample.header.publish == publish;
-        let Some(sample) = samples.and_then(|samples| samples.iter().rev().find(of_the_time)) else {
+        let Some(sample) = self.sample(topic, publish) else {
             return Ok(());
         };
         let generation = sample.header.generation;

@@ -1,6 +1,7 @@
 //! One start of a process in a recorded flight, and the program that does the same once more.
 
 use crate::ReplayError;
+use jink_recorder::PARAMETERS_FILE;
 use jink_runtime::config::{CONFIG_FILE, Config, PROCESS_FILE};
 use jink_runtime::lockstep::replay::{Known, Replayed};
 use jink_runtime::programs;
@@ -11,9 +12,6 @@ use jink_shared_types::params::{Apply, ParamSet};
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-
-/// What the parameters at the start of the instance are called in a recording.
-pub(crate) const PARAMETERS_FILE: &str = "parameters_at_start.toml";
 
 /// Which start of which process.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -44,8 +42,6 @@ pub(crate) struct Instance {
     pub(crate) replayed: Option<Replayed>,
     /// The topics that the program publishes.
     pub(crate) publishes: Vec<Known>,
-    /// Begin of the last cycle that was replayed.
-    pub(crate) done: Timestamp,
 }
 
 impl Instance {

@@ -15,10 +15,12 @@ mod flight;
 mod instance;
 mod layout;
 mod output;
+mod report;
 
 pub use difference::FieldDifference;
-pub use flight::{Compared, Difference, Options, Progress, Report, replay};
+pub use flight::{Options, Progress, replay};
 pub use instance::InstanceName;
+pub use report::{Compared, Difference, Report};
 
 use jink_recorder::reading::ReadError;
 use std::fmt;

@@ -76,7 +76,7 @@ struct Posted {
 #[derive(Debug, Default)]
 pub struct Board {
     posted: Mutex<Posted>,
-    news: Condvar,
+    posted_anew: Condvar,
     readers: AtomicUsize,
     wanted: [AtomicUsize; PARTS],
     report_asked: AtomicBool,
@@ -94,7 +94,7 @@ impl Board {
         posted.posts += 1;
         posted.parts[part as usize] = Some((posted.posts, message));
         drop(posted);
-        self.news.notify_all();
+        self.posted_anew.notify_all();
     }
 
     /// Takes all parts away: they would be old for whoever comes next.
@@ -124,7 +124,7 @@ impl Board {
         posted.posts += 1;
         posted.report = Some((posted.posts, Arc::new(report)));
         drop(posted);
-        self.news.notify_all();
+        self.posted_anew.notify_all();
     }
 
     /// The report as it is after now; `None` if the service does not answer within `patience`.
@@ -138,7 +138,7 @@ impl Board {
                 return Some(Arc::clone(report));
             }
             let left = end.checked_duration_since(Instant::now())?;
-            let woken = self.news.wait_timeout(posted, left);
+            let woken = self.posted_anew.wait_timeout(posted, left);
             posted = woken.unwrap_or_else(PoisonError::into_inner).0;
         }
     }
@@ -218,7 +218,7 @@ impl Reader {
             let Some(left) = left.filter(|_| fresh.is_empty()) else {
                 return fresh;
             };
-            let woken = board.news.wait_timeout(posted, left);
+            let woken = board.posted_anew.wait_timeout(posted, left);
             posted = woken.unwrap_or_else(PoisonError::into_inner).0;
         }
     }

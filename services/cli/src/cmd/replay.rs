@@ -34,7 +34,7 @@ pub struct Args {
     /// Give a parameter another value than in the flight; may be given several times
     #[arg(long, value_name = "NAME=VALUE", value_parser = param)]
     param: Vec<(String, f64)>,
-    /// Let services take what the others publish now, not what was recorded of them: what a change leads to
+    /// Services take what the others publish now, not what was recorded of them: what a change leads to
     #[arg(long)]
     chain: bool,
     /// At the pace of the flight, not as fast as it goes

@@ -27,7 +27,7 @@ pub struct LivePage {
 }
 
 impl LivePage {
-    /// That of `instance`; `None` if nobody wants to know.
+    /// The live page of `instance`; `None` where its address is not to be shown.
     pub fn of(instance: &Instance, shown: ShownPage) -> Option<Self> {
         (shown != ShownPage::Ignored).then(|| Self {
             address: instance.viewer_address(),
