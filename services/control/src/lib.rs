@@ -7,7 +7,7 @@
 //! | [`request`] | asks its supervisor for a swap, a restart, a stop |
 //! | [`watch`], [`meter`] | reads its topics |
 //! | [`status`], [`parameters`] | its state and its parameters, for people and as JSON |
-//! | [`narrate`], [`known_space`], [`figures`] | says what it does in words and figures |
+//! | [`narrate`], [`known_space`], [`speed_limit`], [`figures`] | says what it does in words and figures |
 //! | [`findings`] | verdict and table of an examination, or JSON |
 //! | [`worlds`], [`autopilot`], [`ports`] | virtual worlds and simulated autopilots, as values laid over the configuration |
 //! | [`arguments`] | reads the command line |
@@ -50,6 +50,7 @@ mod problem;
 pub mod provenance;
 pub mod request;
 pub mod running;
+pub mod speed_limit;
 pub mod status;
 pub mod supervisor;
 pub mod watch;

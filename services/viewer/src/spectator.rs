@@ -409,7 +409,7 @@ impl Spectator {
                 .filter(|approved| is_fresh(approved.header, &topics::APPROVED.row))
                 .map(|approved| approved.sample),
             space: space.as_ref(),
-            ends_in_s: approved.map_or(0.0, |approved| approved.trajectory.end().seconds_since(now)),
+            now,
         };
         let [map, far, cloud] = map;
         let scene = Scene {

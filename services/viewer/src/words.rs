@@ -2,11 +2,12 @@
 
 use jink_control::known_space::KnownSpace;
 use jink_control::narrate::health_line;
-use jink_control::planned_speed::PlannedSpeed;
+use jink_control::speed_limit::{Cause, SpeedLimit, flies};
 use jink_control::status::unfit;
+use jink_shared_types::Timestamp;
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::link::{AssistState, LinkStatus};
-use jink_shared_types::motion::{ApprovedTrajectory, GuardReason, Route, RouteMode, TrajectoryMode, Verdict};
+use jink_shared_types::motion::{ApprovedTrajectory, GuardReason, Route, RouteMode, Verdict};
 use jink_shared_types::vehicle::VehicleState;
 use serde::Serialize;
 
@@ -50,14 +51,9 @@ pub struct Facts<'a> {
     pub approved: Option<&'a ApprovedTrajectory>,
     /// What it flies through.
     pub space: Option<&'a KnownSpace>,
-    /// Time from now to the end of what is approved (s).
-    pub ends_in_s: f64,
+    /// When it is said.
+    pub now: Timestamp,
 }
-
-/// A difference of speeds that nobody sees (m/s).
-const SPEED_SLACK_MPS: f64 = 0.06;
-/// Trajectories whose braking begins within this time are about to stop (s).
-const SOON_S: f64 = 1.0;
 
 impl Facts<'_> {
     /// The lines, the most important first.
@@ -140,7 +136,7 @@ impl Facts<'_> {
         };
         let mode = self.wanted.unwrap_or(route.mode.get());
         let (text, weight) = match mode {
-            RouteMode::Keep if self.flies() => {
+            RouteMode::Keep if self.approved.is_some_and(|approved| flies(approved, self.now)) => {
                 ("nothing new, the committed trajectory is flown", Weight::Good)
             }
             RouteMode::Keep => ("nothing new is wanted", Weight::Good),
@@ -161,51 +157,15 @@ impl Facts<'_> {
         line("plan", format!("{mode}: {text}"), weight)
     }
 
-    /// Whether a planned motion is approved that has not ended.
-    fn flies(&self) -> bool {
-        self.approved.is_some_and(|approved| {
-            approved.verdict != Verdict::Hold && approved.trajectory.mode != TrajectoryMode::Mirror
-        }) && self.ends_in_s > 0.0
-    }
-
     /// What limits the speed now.
     fn speed(&self) -> Option<Line> {
-        let route = self.route?;
-        let approved = self.approved.filter(|_| self.flies())?;
-        let PlannedSpeed {
-            reached_mps,
-            allowed_mps,
-            ..
-        } = PlannedSpeed::of(route)?;
-        let limit_mps = approved.trajectory.limits.speed_mps;
-        let (text, weight) = match approved.trajectory.mode.get() {
-            TrajectoryMode::Stop => ("a certified stop is flown".to_owned(), Weight::Note),
-            TrajectoryMode::Brake => ("maximum braking, certificate lost".to_owned(), Weight::Warning),
-            _ if self.ends_in_s < SOON_S => (
-                format!(
-                    "it comes to rest in {:.1} s unless a new plan is certified",
-                    self.ends_in_s.max(0.0)
-                ),
-                Weight::Note,
-            ),
-            _ if limit_mps < reached_mps - SPEED_SLACK_MPS => (
-                format!(
-                    "limited to {limit_mps:.1} m/s by the room here; plans reach {reached_mps:.1} of {allowed_mps:.1} m/s"
-                ),
-                Weight::Note,
-            ),
-            _ if reached_mps < allowed_mps - SPEED_SLACK_MPS => (
-                format!(
-                    "limited by the way to rest in known space: plans reach {reached_mps:.1} of {allowed_mps:.1} m/s"
-                ),
-                Weight::Good,
-            ),
-            _ => (
-                format!("limited by what is allowed: {allowed_mps:.1} m/s"),
-                Weight::Good,
-            ),
+        let limit = SpeedLimit::of(self.route?, self.approved?, self.now)?;
+        let weight = match limit.cause {
+            Cause::Allowed | Cause::KnownSpace => Weight::Good,
+            Cause::Room | Cause::Ends | Cause::Stop => Weight::Note,
+            Cause::Brake => Weight::Warning,
         };
-        line("speed", text, weight)
+        line("speed", limit.text(), weight)
     }
 
     fn guard(&self) -> Option<Line> {
@@ -247,10 +207,7 @@ fn warning(about: &'static str, text: String) -> Option<Line> {
 mod tests {
     use super::{Facts, Weight};
     use jink_shared_types::coded::Coded;
-    use jink_shared_types::motion::{
-        ApprovedTrajectory, GuardReason, Route, RouteMode, TrajectoryMode, Verdict,
-    };
-    use jink_shared_types::tracking::Tracking;
+    use jink_shared_types::motion::{ApprovedTrajectory, GuardReason, Verdict};
 
     fn text_of(facts: &Facts<'_>, about: &str) -> Option<String> {
         let lines = facts.lines();
@@ -269,43 +226,11 @@ mod tests {
     }
 
     #[test]
-    fn the_tightest_limit_of_the_speed_is_the_one_that_is_said() {
-        let route = Route {
-            mode: Coded::new(RouteMode::Keep),
-            tracking: Tracking::PX4_OFFBOARD,
-            reached_mps: 2.5,
-            allowed_mps: 3.0,
-            ..Route::default()
-        };
+    fn a_refusal_comes_with_its_reason() {
         let mut approved = ApprovedTrajectory {
-            verdict: Coded::new(Verdict::Passed),
             free_way_m: f64::INFINITY,
             ..ApprovedTrajectory::default()
         };
-        approved.trajectory.mode = Coded::new(TrajectoryMode::Plan);
-        approved.trajectory.limits.speed_mps = 1.0;
-        let speed = |approved: &ApprovedTrajectory, ends_in_s: f64| {
-            let facts = Facts {
-                route: Some(&route),
-                approved: Some(approved),
-                ends_in_s,
-                ..Facts::default()
-            };
-            text_of(&facts, "speed")
-        };
-        assert!(
-            speed(&approved, 4.0)
-                .unwrap()
-                .contains("1.0 m/s by the room here")
-        );
-        assert!(speed(&approved, 0.4).unwrap().contains("comes to rest in 0.4 s"));
-        assert_eq!(speed(&approved, -1.0), None, "it rests");
-        approved.trajectory.limits.speed_mps = 3.0;
-        assert!(
-            speed(&approved, 4.0)
-                .unwrap()
-                .contains("plans reach 2.5 of 3.0 m/s")
-        );
         approved.verdict = Coded::new(Verdict::Kept);
         approved.reason = Coded::new(GuardReason::WrongBase);
         let facts = Facts {
