@@ -16,6 +16,7 @@
 //! What the disk is too slow for is left out, counted, and said: in the log, to the pilot, and in the file on the channel `recorder/lost`.
 
 mod carrier;
+mod copy;
 pub mod layouts;
 pub mod reading;
 mod recording;
@@ -27,5 +28,6 @@ mod tests;
 mod topic_recorder;
 mod writer;
 
+pub use copy::{CopyError, RecordingCopy};
 pub use recording::{About, Channel, Kept, LOST, PARAMETERS_FILE, Recording};
 pub use service::RecorderService;

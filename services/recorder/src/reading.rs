@@ -1,6 +1,6 @@
 //! Recordings as they are read again.
 
-use crate::recording::{ENCODING, LOST};
+use crate::recording::{Channel, ENCODING, LOST};
 use jink_shared_types::layout::from_bytes;
 use jink_shared_types::{SampleHeader, Timestamp};
 use mcap::McapError;
@@ -81,6 +81,17 @@ pub struct RecordedSample<'a> {
     pub header: &'a SampleHeader,
     /// Its payload: the unused end of a list is left out.
     pub payload: &'a [u8],
+}
+
+impl From<&RecordedSample<'_>> for Channel {
+    fn from(sample: &RecordedSample<'_>) -> Self {
+        Self {
+            topic: sample.topic.to_owned(),
+            type_name: sample.type_name.to_owned(),
+            payload_bytes: sample.payload_bytes,
+            schema: sample.schema.to_owned(),
+        }
+    }
 }
 
 /// One message of a recording.

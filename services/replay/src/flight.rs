@@ -2,11 +2,10 @@
 
 use crate::difference;
 use crate::instance::{Instance, InstanceName, Params, RecordedCycle, Start};
-use crate::output::Output;
 use crate::report::{Compared, Difference, Report};
 use crate::{ReplayError, layout};
-use jink_recorder::Channel;
 use jink_recorder::reading::{Message, Reading, RecordedSample};
+use jink_recorder::{Channel, RecordingCopy};
 use jink_runtime::lockstep::replay::Known;
 use jink_shared_types::cycles::{CycleEntries, CycleEntry, topic_id};
 use jink_shared_types::events::EventSample;
@@ -67,7 +66,9 @@ pub fn replay(options: &Options, progress: &mut dyn FnMut(Progress)) -> Result<R
         if flight.start.is_none() {
             flight.start = Some(Start::of(&reading.files)?);
             let out = options.out.as_deref();
-            flight.out = out.map(|out| Output::begin(out, &reading)).transpose()?;
+            flight.out = out
+                .map(|out| RecordingCopy::begin(out, &reading, &options.files))
+                .transpose()?;
         }
         let mut failed = None;
         reading.each(|message| match flight.read(message, progress) {
@@ -124,7 +125,7 @@ impl Recorded {
 struct Flight<'a> {
     options: &'a Options,
     start: Option<Start>,
-    out: Option<Output>,
+    out: Option<RecordingCopy>,
     topics: BTreeMap<String, RecordedTopic>,
     instances: BTreeMap<InstanceName, Instance>,
     compared: BTreeMap<InstanceName, Compared>,
@@ -159,7 +160,9 @@ impl<'a> Flight<'a> {
             Message::Lost(topic, count) => {
                 self.topics.entry((*topic).to_owned()).or_default().lost += count;
                 let out = self.out.as_mut();
-                return out.map_or(Ok(()), |out| out.write_lost(self.read_until, topic, *count));
+                return out.map_or(Ok(()), |out| {
+                    Ok(out.write_lost(self.read_until, topic, *count)?)
+                });
             }
         };
         let publish = sample.header.publish;
@@ -204,12 +207,7 @@ impl<'a> Flight<'a> {
         }
         let topic = self.topics.entry(sample.topic.to_owned()).or_default();
         if topic.channel.topic.is_empty() {
-            topic.channel = Channel {
-                topic: sample.topic.to_owned(),
-                type_name: sample.type_name.to_owned(),
-                payload_bytes: sample.payload_bytes,
-                schema: sample.schema.to_owned(),
-            };
+            topic.channel = Channel::from(sample);
         }
         topic.samples.push_back(Recorded {
             header: *sample.header,

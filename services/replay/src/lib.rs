@@ -14,7 +14,6 @@ mod difference;
 mod flight;
 mod instance;
 mod layout;
-mod output;
 mod report;
 
 pub use difference::FieldDifference;
@@ -22,6 +21,7 @@ pub use flight::{Options, Progress, replay};
 pub use instance::InstanceName;
 pub use report::{Compared, Difference, Report};
 
+use jink_recorder::CopyError;
 use jink_recorder::reading::ReadError;
 use std::fmt;
 use std::path::PathBuf;
@@ -46,7 +46,7 @@ pub enum ReplayError {
     /// A folder or file cannot be written.
     Folder(PathBuf, std::io::Error),
     /// The new recording cannot be written.
-    Out(PathBuf, String),
+    Out(CopyError),
 }
 
 impl fmt::Display for ReplayError {
@@ -70,11 +70,17 @@ impl fmt::Display for ReplayError {
             Self::Layout(cause) | Self::Param(cause) => f.write_str(cause),
             Self::Program(process, cause) => write!(f, "{process} cannot be replayed: {cause}"),
             Self::Folder(path, error) => write!(f, "{}: {error}", path.display()),
-            Self::Out(path, cause) => write!(f, "{}: {cause}", path.display()),
+            Self::Out(error) => error.fmt(f),
         }
     }
 }
 impl std::error::Error for ReplayError {}
+
+impl From<CopyError> for ReplayError {
+    fn from(error: CopyError) -> Self {
+        Self::Out(error)
+    }
+}
 
 impl From<ReadError> for ReplayError {
     fn from(error: ReadError) -> Self {

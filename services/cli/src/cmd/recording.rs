@@ -3,8 +3,10 @@
 use jink_cli::view::recording::{CsvTable, Overview};
 use jink_control::{EXIT_NOT_RUNNING, Problem, places, running, sayln};
 use jink_recorder::reading::{Ends, Message, ReadError, Reading};
+use jink_recorder::{Channel, CopyError, RecordingCopy};
 use jink_runtime::Instance;
 use jink_runtime::config::Config;
+use jink_shared_types::Timestamp;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -50,6 +52,23 @@ enum Subcommand {
     /// Keep the last seconds, where the recorder writes only what is before and after an event (before_event_s in jink.toml)
     #[command(after_help = "Exit codes: 0 asked for; 1 nothing is recorded; 3 nothing is running.")]
     Keep,
+    /// Write a part of a recording as a recording
+    #[command(
+        after_help = "Exit codes: 0 written; 1 the file is no recording of jink, damaged, or holds nothing of that time."
+    )]
+    Cut {
+        /// The recording
+        file: PathBuf,
+        /// Begin so long after its first sample (s)
+        #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = seconds_or_zero)]
+        from: f64,
+        /// End so long after its first sample (s); without it at its end
+        #[arg(long, value_name = "S", value_parser = seconds_or_zero)]
+        to: Option<f64>,
+        /// Where it goes
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
     /// Write the samples of a topic as a CSV table, a line for each
     #[command(after_help = "\
 Columns are named as fields are by `jink topic echo --json`; lists of more than 16 elements are left out.
@@ -75,6 +94,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         Subcommand::Info { file, json } => info(file, *json),
         Subcommand::Config { file, folder } => write_config(file, folder),
         Subcommand::Keep => keep(instance),
+        Subcommand::Cut { file, from, to, out } => cut(file, *from, *to, out),
         Subcommand::Export { file, topic, csv } => export(file, topic, csv.as_deref()),
     }
 }
@@ -181,6 +201,57 @@ fn info(file: &Path, json: bool) -> Result<ExitCode, Problem> {
         Some(damage) => Err(Problem::Other(damage)),
         None => Ok(ExitCode::SUCCESS),
     }
+}
+
+fn seconds_or_zero(text: &str) -> Result<f64, String> {
+    jink_control::arguments::number(text, 0.0..=f64::MAX)
+}
+
+fn cut(file: &Path, from_s: f64, to_s: Option<f64>, out: &Path) -> Result<ExitCode, Problem> {
+    let reading = Reading::open(file).map_err(|error| other(&error))?;
+    let problem = |error: CopyError| Problem::Other(error.to_string());
+    let mut first = None;
+    let ended = reading.each(|message| {
+        if let Message::Sample(sample) = message {
+            let time = sample.header.publish;
+            first = Some(first.map_or(time, |first: Timestamp| first.min(time)));
+        }
+        true
+    });
+    ended.map_err(|error| other(&error))?;
+    let first = first.unwrap_or(Timestamp::NEVER);
+    let is_wanted = |time: Timestamp| {
+        let t_s = time.seconds_since(first);
+        t_s >= from_s && to_s.is_none_or(|to_s| t_s <= to_s)
+    };
+    let mut copy = RecordingCopy::begin(out, &reading, &[file.to_owned()]).map_err(problem)?;
+    let (mut samples, mut failed, mut now) = (0_u64, None, first);
+    let ended = reading.each(|message| {
+        let written = match message {
+            Message::Sample(sample) if is_wanted(sample.header.publish) => {
+                samples += 1;
+                now = sample.header.publish;
+                copy.write(&Channel::from(sample), sample.header, sample.payload)
+            }
+            Message::Lost(topic, count) if is_wanted(now) => copy.write_lost(now, topic, *count),
+            _ => Ok(()),
+        };
+        failed = written.err();
+        failed.is_none()
+    });
+    ended.map_err(|error| other(&error))?;
+    if let Some(error) = failed {
+        return Err(problem(error));
+    }
+    if samples == 0 {
+        return Err(Problem::Other(format!(
+            "{}: holds nothing of that time",
+            file.display()
+        )));
+    }
+    copy.finish().map_err(problem)?;
+    sayln!("{}: {samples} samples", out.display());
+    Ok(ExitCode::SUCCESS)
 }
 
 fn export(file: &Path, topic: &str, csv: Option<&Path>) -> Result<ExitCode, Problem> {
