@@ -151,7 +151,7 @@ fn is_flown_again_bit_by_bit(recording: &str, is_whole: bool) {
         assert_eq!(of_it.len(), starts, "{process}: {report}");
         for one in of_it {
             assert!(one["ends"].is_null() || !is_whole, "{report}");
-            assert!(one["cycles"].as_u64() > Some(0), "{report}");
+            assert!(one["cycles"].as_u64() > Some(0) || !is_whole, "{report}");
         }
     }
     let (code, report) = replay(&["--service", "planner", "--param", "OA_SPD_MAX=0.5"]);
