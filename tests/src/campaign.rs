@@ -1,5 +1,6 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
+pub mod page;
 pub mod plot;
 pub mod recorded;
 pub mod table;

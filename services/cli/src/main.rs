@@ -51,6 +51,8 @@ enum Command {
     Recording(cmd::recording::Args),
     /// Fly a recorded flight once more, service by service, and compare bit by bit
     Replay(cmd::replay::Args),
+    /// Make one page of a recorded flight, which opens in any browser
+    Report(cmd::report::Args),
     /// Let another binary take the place of a service in flight
     Swap(cmd::ask::SwapArgs),
     /// Replace a service by a fresh instance of itself
@@ -90,6 +92,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
             "schema",
             "recording",
             "replay",
+            "report",
         ],
     ),
     ("Change", &["param", "swap", "restart", "stop"]),
@@ -122,7 +125,7 @@ fn command() -> clap::Command {
 }
 
 /// Commands to which it is all the same which jink runs.
-const WITHOUT_INSTANCE: [&str; 5] = ["schema", "lidar", "world", "instances", "replay"];
+const WITHOUT_INSTANCE: [&str; 6] = ["schema", "lidar", "world", "instances", "replay", "report"];
 
 fn main() -> ExitCode {
     if let Some(service) = services::named(&programs::own_name()) {
@@ -146,6 +149,7 @@ fn main() -> ExitCode {
         Command::Lidar(args) => cmd::lidar::run(&args),
         Command::Recording(args) => cmd::recording::run(&cli.instance, &args),
         Command::Replay(args) => cmd::replay::run(&args),
+        Command::Report(args) => cmd::report::run(&args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),

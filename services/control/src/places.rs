@@ -62,3 +62,15 @@ pub fn workspace(folder: &Path) -> Option<&Path> {
         .ancestors()
         .find(|folder| folder.join("Cargo.lock").is_file())
 }
+/// Whether `file` can be written: after a flight it would be too late to say that it cannot. What is there stays.
+///
+/// # Errors
+/// What the system says.
+pub fn writable(file: &Path) -> std::io::Result<()> {
+    let is_new = !file.exists();
+    std::fs::File::options().create(true).append(true).open(file)?;
+    if is_new {
+        std::fs::remove_file(file)?;
+    }
+    Ok(())
+}

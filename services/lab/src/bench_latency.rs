@@ -190,7 +190,6 @@ impl Args {
             limit_s: self.seconds + BEFORE_S,
             overrides: Vec::new(),
             autopilot: autopilot::Args::default(),
-            keeps_sensed: false,
             live_page: ShownPage::Ignored,
         }
     }

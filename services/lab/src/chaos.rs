@@ -77,7 +77,6 @@ impl Args {
             limit_s: usual_limit_s(LEGS, false),
             overrides: self.overrides.clone(),
             autopilot: autopilot::Args::default(),
-            keeps_sensed: false,
             live_page: ShownPage::Ignored,
         })
     }

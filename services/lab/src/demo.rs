@@ -5,14 +5,14 @@ use jink_control::{
 };
 use jink_lab::drill::{Drill, SUPERVISOR};
 use jink_lab::flight_log::Outcome;
-use jink_lab::picture::World;
 use jink_lab::rig::live_page::ShownPage;
 use jink_lab::rig::show::Show;
-use jink_lab::rig::{Flown, Plan, instance, usual_limit_s};
+use jink_lab::rig::{Plan, instance, usual_limit_s};
 use jink_runtime::Instance;
 use jink_runtime::config::{Config, process_names};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{ExitCode, Stdio};
 
 /// What to fly.
 #[derive(Clone, Debug, clap::Args)]
@@ -51,9 +51,9 @@ pub struct Args {
     /// Longest flight (s) [default: 180 for each leg]
     #[arg(long, value_name = "S", value_parser = arguments::seconds)]
     timeout: Option<f64>,
-    /// Draw the flight from above
-    #[arg(long, value_name = "FILE")]
-    svg: Option<PathBuf>,
+    /// Make a page of the flight, which opens in any browser (`jink report`)
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Plain lines of progress even on a terminal, and no live page
     #[arg(long)]
     headless: bool,
@@ -112,6 +112,14 @@ impl Args {
         (!self.headless && !is_named && !is_set).then(|| "viewer.address=127.0.0.1:0".to_owned())
     }
 
+    /// Where a real autopilot leaves its log for the report, unless the user says where it works.
+    fn sitl_folder(&self) -> Option<PathBuf> {
+        let is_set = |set: &String| set.starts_with("simulation.sitl_folder=");
+        let is_wanted =
+            self.report.is_some() && self.autopilot.is_sitl() && !self.overrides.iter().any(is_set);
+        is_wanted.then(|| std::env::temp_dir().join(format!("jink_sitl_{}", std::process::id())))
+    }
+
     fn plan(&self, programs: PathBuf) -> Result<Plan, Problem> {
         let usual_s = usual_limit_s(self.legs, self.autopilot.is_sitl());
         let config = places::config_folder(self.config.as_deref())?;
@@ -130,7 +138,6 @@ impl Args {
             limit_s: self.timeout.unwrap_or(usual_s),
             overrides,
             autopilot: self.autopilot.clone(),
-            keeps_sensed: self.svg.is_some(),
             live_page: match self.headless {
                 true => ShownPage::Named,
                 false => ShownPage::Opened,
@@ -142,11 +149,15 @@ impl Args {
 /// Flies the demonstration, in an instance of its own unless `instance` names one.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let programs = places::program_folder()?;
-    if let Some(file) = &args.svg {
-        writable(file).map_err(Problem::io(format!("--svg {}", file.display())))?;
+    if let Some(file) = &args.report {
+        places::writable(file).map_err(Problem::io(format!("--report {}", file.display())))?;
     }
-    let plan = args.plan(programs)?;
-    let world = args.svg.as_ref().map(|_| plan.world()).transpose()?;
+    let mut plan = args.plan(programs)?;
+    let sitl = args.sitl_folder();
+    if let Some(folder) = &sitl {
+        plan.overrides
+            .push(format!("simulation.sitl_folder={}", folder.display()));
+    }
     let mut names = process_names(&plan.config);
     names.push(SUPERVISOR.to_owned());
     Drill::check(&args.kills, &names).map_err(Problem::Other)?;
@@ -159,9 +170,16 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     };
     let mut show = Show::new(args.headless);
     let (flown, stopped) = plan.fly(&instance, args.kills.clone(), &mut show, &interrupt)?;
-    conclude(args, world.as_ref(), &flown)?;
-    if let Ok(file) = std::fs::read_link(instance.recording()) {
+    say!("{}", flown.summary.text());
+    let recording = std::fs::read_link(instance.recording()).ok();
+    if let Some(file) = &recording {
         sayln!("recording: {}", file.display());
+    }
+    if let Some(page) = &args.report {
+        report(recording.as_deref(), sitl.as_deref(), page)?;
+    }
+    if let Some(folder) = &sitl {
+        let _not_there = std::fs::remove_dir_all(folder);
     }
     let good = flown.outcome == Outcome::Goal;
     match stopped {
@@ -178,27 +196,50 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
 }
 
-/// A flight later it would be too late to say that it is not. What was drawn there stays until there is a new picture.
-fn writable(file: &Path) -> std::io::Result<()> {
-    let is_new = !file.exists();
-    std::fs::File::options().create(true).append(true).open(file)?;
-    if is_new {
-        std::fs::remove_file(file)?;
+/// Makes the page of a recorded flight, with the log that a real autopilot has left in its folder.
+fn report(recording: Option<&Path>, sitl: Option<&Path>, page: &Path) -> Result<(), Problem> {
+    let Some(recording) = recording else {
+        return Err(Problem::Other(format!(
+            "--report {}: the flight was not recorded",
+            page.display()
+        )));
+    };
+    let mut command = places::program(&places::program_folder()?, "jink")?;
+    command.arg("report").arg(recording).arg("--out").arg(page);
+    if let Some(log) = sitl.and_then(own_log) {
+        command.arg("--log").arg(log);
+    }
+    let status = command
+        .stdout(Stdio::null())
+        .status()
+        .map_err(Problem::io("jink report"))?;
+    match status.success() {
+        true => sayln!("report: {}", page.display()),
+        // It has said why.
+        false => {
+            return Err(Problem::Other(format!(
+                "--report {}: not written",
+                page.display()
+            )));
+        }
     }
     Ok(())
 }
 
-fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {
-    say!("{}", flown.summary.text());
-    match (world, &args.svg) {
-        (Some(_), Some(_)) if flown.log.course().is_empty() => {
-            sayln!("no picture: the vehicle was never armed");
-        }
-        (Some(world), Some(file)) => {
-            flown.draw(world, file)?;
-            sayln!("picture: {}", file.display());
-        }
-        _ => {}
-    }
-    Ok(())
+/// The newest log of an autopilot in `folder` or below.
+fn own_log(folder: &Path) -> Option<PathBuf> {
+    let is_log = |path: &Path| {
+        let extension = path.extension().and_then(OsStr::to_str).unwrap_or_default();
+        ["ulg", "BIN"].contains(&extension)
+    };
+    let entries = std::fs::read_dir(folder).ok()?.flatten();
+    let logs = entries.filter_map(|entry| match entry.file_type().ok()? {
+        kind if kind.is_dir() => own_log(&entry.path()),
+        _ => Some(entry.path()).filter(|path| is_log(path)),
+    });
+    logs.max_by_key(|log| {
+        std::fs::metadata(log)
+            .and_then(|metadata| metadata.modified())
+            .ok()
+    })
 }

@@ -10,7 +10,7 @@
 //! | [`latency`] | loads | the way from the capture of a range to the wire, stage by stage |
 //! | [`fault_matrix`] | the faults of many flights | figures by process, fault and phase |
 //! | [`drawing`] | shapes, words, values | pictures and plots as SVG, for whoever draws |
-//! | [`picture`] | world, course, sensed points | the flight from above and over time as SVG |
+//! | [`picture`] | world, course | the flight from above and over time as SVG |
 
 pub mod drawing;
 pub mod drill;

@@ -149,7 +149,6 @@ pub fn draw(verdict: &Verdict, record: &Record, file: &Path) -> Result<(), Strin
     let picture = svg(&Scene {
         world: &drawn,
         course: &course,
-        sensed: &[],
         faults: &[],
         title: &line(verdict),
     });

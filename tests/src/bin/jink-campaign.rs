@@ -1,20 +1,21 @@
 //! Flight campaigns in lock-step: deterministic, seeded, faster than real time.
 
 use clap::Parser;
-use jink_control::arguments;
+use jink_control::{arguments, places};
 use jink_shared_types::params::OA_SPD_MAX;
 use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_simulated_world::world::{MAX_DENSITY_PER_M2, WorldKind};
 use jink_tests::campaign::variation::Variations;
 use jink_tests::campaign::{
-    Cell, FlightOutcome, FlightReport, FlownFlight, SPHERE, fly_drawn, plot, recorded, sensor_set,
-    sensors_of, setup, table,
+    Cell, FlightReport, FlownFlight, SPHERE, fly_drawn, page, plot, recorded, sensor_set, sensors_of, setup,
+    table,
 };
 use jink_tests::lockstep::UserPlanner;
 use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 use jink_tests::station::StationColumn;
 use jink_tests::suite::hindrance::Hindrance;
 use jink_tests::suite::{self, Choice, Suite};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::mpsc;
@@ -81,6 +82,9 @@ struct Arguments {
     /// Folder for a picture of every flight that neither reached its goal nor stopped where it had to
     #[arg(long)]
     svg: Option<PathBuf>,
+    /// Make a page of the campaign, with pictures of what failed, which opens in any browser
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Fly everything once with each of these values: speed=3,5,7 (m/s), range=2,4,8 (of every sensor, m), latency=0,50,150 (of
     /// every frame, ms), or tube=1,1.5,2 (tracking error that plans assume, over that of the profile)
     #[arg(long, value_name = "NAME=VALUE,...")]
@@ -153,15 +157,29 @@ fn fly_all(arguments: &Arguments) -> Result<bool, String> {
     if let Some(folder) = &arguments.svg {
         std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     }
+    if let Some(file) = &arguments.report {
+        places::writable(file).map_err(|error| format!("{}: {error}", file.display()))?;
+    }
     let begin = Instant::now();
-    let reports = run(arguments, &cells)?;
+    let mut pictures = Pictures::new();
+    let reports = run(arguments, &cells, &mut pictures)?;
     print(arguments, &cells, &reports, begin.elapsed().as_secs_f64());
     if let Some((file, variations)) = arguments.plot.as_ref().zip(arguments.vary.as_ref())
         && let Some(svg) = plot::svg(variations.quantity, &reports)
     {
-        std::fs::write(file, svg).map_err(|error| format!("{}: {error}", file.display()))?;
+        write(file, &svg)?;
+    }
+    if let Some(file) = &arguments.report {
+        let command: Vec<String> = std::env::args().skip(1).collect();
+        let command = format!("jink campaign {}", command.join(" "));
+        write(file, &page::page(&command, &reports, &pictures))?;
+        println!("report: {}", file.display());
     }
     Ok(reports.iter().all(|report| report.collisions == 0))
+}
+
+fn write(file: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(file, text).map_err(|error| format!("{}: {error}", file.display()))
 }
 
 /// What is to be flown.
@@ -203,8 +221,11 @@ fn profile(arguments: &Arguments) -> Pairing {
     arguments.profile.or(of_suite).unwrap_or(PX4_TRAJECTORY)
 }
 
+/// Pictures of what failed, by their names.
+type Pictures = BTreeMap<String, String>;
+
 /// Flies all seeds of this shard in all cells on `jobs` threads; reports come back in order of cell and seed.
-fn run(arguments: &Arguments, cells: &[Cell]) -> Result<Vec<FlightReport>, String> {
+fn run(arguments: &Arguments, cells: &[Cell], pictures: &mut Pictures) -> Result<Vec<FlightReport>, String> {
     let (shard, shards) = arguments.shard;
     let (mut file, mut reports) = match &arguments.json {
         Some(path) => recorded::open(path, arguments.resume).map(|(file, reports)| (Some(file), reports))?,
@@ -239,8 +260,12 @@ fn run(arguments: &Arguments, cells: &[Cell]) -> Result<Vec<FlightReport>, Strin
         drop(sender);
         for answer in receiver {
             let flown = answer?;
-            if let Some(folder) = &arguments.svg {
-                draw(folder, &flown)?;
+            if page::failed(&flown.report) && (arguments.svg.is_some() || arguments.report.is_some()) {
+                let (name, svg) = (page::picture_of(&flown.report), picture(&flown)?);
+                if let Some(folder) = &arguments.svg {
+                    write(&folder.join(&name), &svg)?;
+                }
+                pictures.insert(name, svg);
             }
             if let Some(file) = &mut file {
                 recorded::write(file, &flown.report)?;
@@ -292,27 +317,14 @@ fn fly(arguments: &Arguments, cell: &Cell, seed: u64) -> Result<FlownFlight, Str
     Ok(flown)
 }
 
-/// A picture of a flight that did not do what it should.
-fn draw(folder: &Path, flown: &FlownFlight) -> Result<(), String> {
+/// The picture of a flight that did not do what it should.
+fn picture(flown: &FlownFlight) -> Result<String, String> {
     let report = &flown.report;
-    if matches!(report.outcome, FlightOutcome::Goal | FlightOutcome::Stopped) {
-        return Ok(());
-    }
     let title = format!(
         "{} seed {}: {:?} after {:.0} s {}",
         report.cell, report.seed, report.outcome, report.time_s, report.reason
     );
-    let varied = report.variation.map_or(String::new(), |variation| {
-        format!("_{}_{}", variation.quantity.name(), variation.value)
-    });
-    let file = folder.join(table::picture_file(
-        &report.cell,
-        &report.sensor,
-        &varied,
-        report.seed,
-    ));
-    let svg = flown.course.svg(&flown.world, &title)?;
-    std::fs::write(&file, svg).map_err(|error| format!("{}: {error}", file.display()))
+    flown.course.svg(&flown.world, &title)
 }
 
 fn print(arguments: &Arguments, cells: &[Cell], reports: &[FlightReport], wall_s: f64) {

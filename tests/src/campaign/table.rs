@@ -11,7 +11,7 @@ fn count(reports: &[&FlightReport], outcome: FlightOutcome) -> usize {
 }
 
 /// Flights that did what they could: reached the goal, or stopped where their sensors or their companion died.
-pub(super) fn successes(reports: &[&FlightReport]) -> usize {
+pub fn successes(reports: &[&FlightReport]) -> usize {
     count(reports, FlightOutcome::Goal) + count(reports, FlightOutcome::Stopped)
 }
 
@@ -164,9 +164,6 @@ fn against(anchor: &Anchor, successes: usize, flights: usize) -> String {
     format!("{:.1} % {words}", anchor.goal_percent)
 }
 
-/// Least width of a cell's name in the table.
-const NAME_WIDTH: usize = 16;
-
 /// Its cell, and the value of what is varied.
 fn name(report: &FlightReport) -> String {
     match report.variation {
@@ -175,32 +172,31 @@ fn name(report: &FlightReport) -> String {
     }
 }
 
-/// A row per cell.
-pub fn table(cells: &[Vec<&FlightReport>]) -> String {
-    let names = cells.iter().filter_map(|reports| reports.first());
-    let width = names.map(|first| name(first).len()).fold(NAME_WIDTH, usize::max);
-    let mut text = format!(
-        "{:<width$} {:>7} {:>7} {:>15} {:>6} {:>6} {:>5} {:>7} {:>7} {:>6} {:>5} {:>8} {:>12} {:>9} {:>16}\n",
-        "cell",
-        "flights",
-        "goal %",
-        "95 % interval",
-        "static",
-        "moving",
-        "stuck",
-        "timeout",
-        "clear m",
-        "mean",
-        "top",
-        "/shortest",
-        "plan 50/99",
-        "touching",
-        "goal target"
-    );
-    for reports in cells {
-        let Some(first) = reports.first() else {
-            continue;
-        };
+/// The columns of [`rows`].
+const COLUMNS: [&str; 15] = [
+    "cell",
+    "flights",
+    "goal %",
+    "95 % interval",
+    "static",
+    "moving",
+    "stuck",
+    "timeout",
+    "clear m",
+    "mean",
+    "top",
+    "/shortest",
+    "plan 50/99",
+    "touching",
+    "goal target",
+];
+
+/// The names of the columns, and a row per cell.
+pub fn rows(cells: &[Vec<&FlightReport>]) -> Vec<[String; COLUMNS.len()]> {
+    let of_cells = cells
+        .iter()
+        .filter_map(|reports| Some((*reports.first()?, reports)));
+    let row = |(first, reports): (&FlightReport, &Vec<&FlightReport>)| {
         let (n, goals) = (reports.len(), successes(reports));
         let (low, high) = wilson(goals, n);
         let median = |of: fn(&FlightReport) -> Option<f64>| percentiles(&values(reports, of))[0];
@@ -208,28 +204,34 @@ pub fn table(cells: &[Vec<&FlightReport>]) -> String {
             .into_iter()
             .fold(f64::INFINITY, f64::min);
         let touching: u32 = reports.iter().map(|report| report.commitments_touching).sum();
-        let target = anchor_of(first).map_or_else(|| "-".to_owned(), |anchor| against(&anchor, goals, n));
-        // Writing into a string does not fail.
-        let _written = writeln!(
-            text,
-            "{:<width$} {n:>7} {:>7.1} {:>15} {:>6} {:>6} {:>5} {:>7} {least_m:>7.2} {:>6.2} {:>5.2} {:>8.2} {:>12} {touching:>9} {target:>16}",
+        let late = count(reports, FlightOutcome::Timeout) + count(reports, FlightOutcome::Refused);
+        let plan_ms = [median(|r| Some(r.plan_ms[0])), median(|r| Some(r.plan_ms[1]))];
+        [
             name(first),
-            percent(goals, n),
+            n.to_string(),
+            format!("{:.1}", percent(goals, n)),
             format!("{low:.1}..{high:.1}"),
-            count(reports, FlightOutcome::CollisionStatic),
-            count(reports, FlightOutcome::CollisionDynamic),
-            count(reports, FlightOutcome::Stuck),
-            count(reports, FlightOutcome::Timeout) + count(reports, FlightOutcome::Refused),
-            median(|r| Some(r.mean_speed_mps)),
-            median(|r| Some(r.top_speed_mps)),
-            median(|r| r.path_over_shortest),
-            format!(
-                "{:.1}/{:.1}",
-                median(|r| Some(r.plan_ms[0])),
-                median(|r| Some(r.plan_ms[1]))
-            ),
-        );
-    }
+            count(reports, FlightOutcome::CollisionStatic).to_string(),
+            count(reports, FlightOutcome::CollisionDynamic).to_string(),
+            count(reports, FlightOutcome::Stuck).to_string(),
+            late.to_string(),
+            format!("{least_m:.2}"),
+            format!("{:.2}", median(|r| Some(r.mean_speed_mps))),
+            format!("{:.2}", median(|r| Some(r.top_speed_mps))),
+            format!("{:.2}", median(|r| r.path_over_shortest)),
+            format!("{:.1}/{:.1}", plan_ms[0], plan_ms[1]),
+            touching.to_string(),
+            anchor_of(first).map_or_else(|| "-".to_owned(), |anchor| against(&anchor, goals, n)),
+        ]
+    };
+    let header = COLUMNS.map(str::to_owned);
+    std::iter::once(header).chain(of_cells.map(row)).collect()
+}
+
+/// A row per cell.
+pub fn table(cells: &[Vec<&FlightReport>]) -> String {
+    let mut text = String::new();
+    jink_control::status::write_table(&mut text, &rows(cells));
     text
 }
 

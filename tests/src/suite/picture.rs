@@ -41,7 +41,6 @@ impl Course {
         Ok(svg(&Scene {
             world: &drawn,
             course: &self.points,
-            sensed: &[],
             faults: &[],
             title,
         }))

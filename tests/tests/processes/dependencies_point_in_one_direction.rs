@@ -91,6 +91,7 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-ground-services",
                 "jink-recorder",
                 "jink-replay",
+                "jink-report",
                 "jink-viewer",
                 "jink-rangefinder-driver",
                 "jink-depth-driver",
@@ -99,6 +100,7 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
             ],
             // What reads recordings.
             "jink-replay" => &["jink-shared-types", "jink-runtime", "jink-recorder"],
+            "jink-report" => &["jink-shared-types", "jink-control", "jink-recorder"],
             "jink-lab" => &[
                 "jink-shared-types",
                 "jink-runtime",

@@ -9,6 +9,7 @@ pub mod log;
 pub mod param;
 pub mod recording;
 pub mod replay;
+pub mod report;
 pub mod ring;
 pub mod schema;
 pub mod status;

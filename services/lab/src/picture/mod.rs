@@ -29,12 +29,9 @@ const LETTERS: f64 = 13.0;
 const SMALL: f64 = 10.0;
 /// What is written beside marks of time is at least this far apart (m).
 const MARKS_APART_M: f64 = 4.0;
-/// Edge of a sensed cell (m).
-const CELL_M: f64 = jink_shared_types::map::CELL_M;
 
 const PAPER: Colour = Colour::hex(0xfcfcfa);
 const INK: Colour = Colour::hex(0x333333);
-const SENSED: Style = Style::filled(Colour::hex(0xf2a65a));
 const OBSTACLE: Style = Style::filled(Colour::hex(0x6b705c)).stroke(Colour::hex(0x3f4238));
 const START: Colour = Colour::hex(0x2a9d8f);
 const GOAL: Colour = Colour::hex(0xd62828);
@@ -46,8 +43,6 @@ pub struct Scene<'a> {
     pub world: &'a World,
     /// The course flown.
     pub course: &'a [CoursePoint],
-    /// Centres of cells that were seen occupied near the height of flight: north, east (m).
-    pub sensed: &'a [(f64, f64)],
     /// What was done to the system on the way.
     pub faults: &'a [FaultRecord],
     /// One line above it all.
@@ -65,7 +60,6 @@ pub fn svg(scene: &Scene<'_>) -> String {
     let mut content = Group::default();
     frame.lines_along(&mut content, GRID_M);
     frame.lines_across(&mut content, GRID_M);
-    content.add(sensed(&frame, scene.sensed));
     content.add(obstacles(&frame, scene.world));
     let fastest_mps = scene
         .course
@@ -104,21 +98,6 @@ fn frame_around(world: &World) -> Frame {
         height: (y[0] - y[1]) * SCALE,
     };
     Frame { area, x, y }
-}
-
-fn sensed(frame: &Frame, cells: &[(f64, f64)]) -> Group {
-    let mut group = Group::new(SENSED.opacity(0.7));
-    for (north_m, east_m) in cells {
-        let (left, top) = frame.at(north_m - CELL_M / 2.0, east_m - CELL_M / 2.0);
-        let area = Area {
-            left,
-            top,
-            width: CELL_M * SCALE,
-            height: CELL_M * SCALE,
-        };
-        group.rect(area, Style::INHERITED);
-    }
-    group
 }
 
 fn obstacles(frame: &Frame, world: &World) -> Group {
@@ -265,17 +244,9 @@ fn legend(group: &mut Group, y: f64, fastest_mps: f64) {
     let right = left + STEP * f64::from(STEPS) + 24.0;
     let mut beside = |x: f64, words: &str| group.text((right + x, y + BESIDE), Letters::START, words);
     beside(18.0, "obstacle");
-    beside(108.0, "sensed occupied");
-    beside(262.0, "north");
+    beside(130.0, "north");
     group.circle((right + 6.0, y), 6.0, OBSTACLE);
-    let cell = Area {
-        left: right + 92.0,
-        top: y - 5.0,
-        width: 10.0,
-        height: 10.0,
-    };
-    group.rect(cell, SENSED);
-    let (tail, tip) = (right + 226.0, right + 256.0);
+    let (tail, tip) = (right + 94.0, right + 124.0);
     group.line((tail, y), (tip, y), line);
     group.polyline([(tip - 8.0, y - 5.0), (tip, y), (tip - 8.0, y + 5.0)], line);
 }
@@ -341,7 +312,6 @@ mod tests {
         let picture = svg(&Scene {
             world: &world,
             course: &[point(0.0, 0.0), point(5.0, 1.5), point(10.0, 3.0)],
-            sensed: &[(9.5, 1.1)],
             faults: &[kill],
             title: "forest <7>",
         });
@@ -394,7 +364,6 @@ mod tests {
         let picture = svg(&Scene {
             world: &world,
             course: &course,
-            sensed: &[],
             faults: &[],
             title: "",
         });
@@ -415,7 +384,6 @@ mod tests {
         let picture = svg(&Scene {
             world: &world,
             course: &[],
-            sensed: &[],
             faults: &[],
             title: "",
         });

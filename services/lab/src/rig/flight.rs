@@ -6,7 +6,6 @@ use super::live_page::LivePage;
 use super::machine::MachineTimes;
 use super::memory::Memory;
 use super::pilot::Pilot;
-use super::sensed::Sensed;
 use super::show::Show;
 use crate::flight_log::{FlightLog, Outcome, Summary};
 use jink_control::figures::round;
@@ -19,7 +18,6 @@ use jink_runtime::{Input, Session};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::topics;
 use jink_shared_types::truth::SimTruth;
-use jink_shared_types::vehicle::NavMode;
 use std::time::{Duration, Instant};
 
 /// Period of the ground truth: each sample is seen.
@@ -39,7 +37,6 @@ const UNFIT_FOR: Duration = Duration::from_secs(1);
 /// A flight under way.
 pub struct Flight {
     truth: Input<SimTruth>,
-    sensed: Option<Sensed>,
     log: FlightLog,
     drills: Drills,
     narrator: Narrator,
@@ -67,17 +64,14 @@ pub struct Flown {
     pub summary: Summary,
     /// Its course.
     pub log: FlightLog,
-    /// What the system saw: north, east (m).
-    pub sensed: Vec<(f64, f64)>,
 }
 
 impl Flight {
-    /// A flight that has not begun; `look_at_map` keeps what the system saw, `is_sitl`: of a real autopilot.
-    pub fn new(watch: Watch, look_at_map: bool, is_sitl: bool, drills: Drills) -> Result<Self, Problem> {
+    /// A flight that has not begun; `is_sitl`: of a real autopilot.
+    pub fn new(watch: Watch, is_sitl: bool, drills: Drills) -> Result<Self, Problem> {
         let session = watch.session();
         Ok(Self {
             truth: session.input(topics::SIM_TRUTH, "")?,
-            sensed: look_at_map.then(|| Sensed::new(session)).transpose()?,
             log: FlightLog::default(),
             drills,
             narrator: Narrator::default(),
@@ -185,7 +179,6 @@ impl Flight {
         Flown {
             summary,
             outcome,
-            sensed: self.sensed.map(|sensed| sensed.centres()).unwrap_or_default(),
             log: self.log,
         }
     }
@@ -215,12 +208,6 @@ impl Flight {
                 show.update(&known.declared());
             }
             self.known = known;
-        }
-        // Not while taking off or landing: the map below is then the ground.
-        if let (Some(sensed), Some(truth)) = (&mut self.sensed, self.log.truth())
-            && matches!(truth.mode.get(), NavMode::Mission | NavMode::Offboard)
-        {
-            sensed.look(truth.position);
         }
     }
 

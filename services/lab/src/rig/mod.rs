@@ -12,7 +12,6 @@ pub mod live_page;
 mod machine;
 mod memory;
 mod pilot;
-mod sensed;
 pub mod show;
 
 pub use flight::Flown;
@@ -59,8 +58,6 @@ pub struct Plan {
     pub overrides: Vec<String>,
     /// Whose autopilot.
     pub autopilot: autopilot::Args,
-    /// Keep what the system sees on its way, for the picture.
-    pub keeps_sensed: bool,
     /// What becomes of the address of the live page.
     pub live_page: ShownPage,
 }
@@ -192,7 +189,7 @@ impl Plan {
     ) -> Result<Flown, Problem> {
         let watch = supervisor.watch(interrupt)?;
         show.update(&sensors(supervisor.instance()));
-        let mut flight = Flight::new(watch, self.keeps_sensed, self.autopilot.is_sitl(), drills)?
+        let mut flight = Flight::new(watch, self.autopilot.is_sitl(), drills)?
             .with_page(LivePage::of(supervisor.instance(), self.live_page));
         let machine = Machine::watch();
         let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
@@ -241,7 +238,6 @@ impl Flown {
         let picture = svg(&Scene {
             world,
             course: &self.log.course(),
-            sensed: &self.sensed,
             faults: &self.summary.faults,
             title: &title(&self.summary),
         });

@@ -60,10 +60,10 @@ fn every_wrong_argument_is_refused_with_what_is_possible() {
 #[test]
 fn what_would_measure_nothing_is_wrong_usage() {
     assert_eq!(lab(&["chaos", "--flights", "0"]).status.code(), Some(2));
-    let demo = lab(&["demo", "--svg", "/nowhere/flight.svg"]);
+    let demo = lab(&["demo", "--report", "/nowhere/flight.html"]);
     assert_eq!(demo.status.code(), Some(1));
     assert!(
-        words(&demo.stderr).starts_with("jink: --svg /nowhere/flight.svg: "),
+        words(&demo.stderr).starts_with("jink: --report /nowhere/flight.html: "),
         "{demo:?}"
     );
 }
