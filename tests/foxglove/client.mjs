@@ -14,7 +14,7 @@ const FOXGLOVE = "services/foxglove/target/release/jink-foxglove";
 /** The newest version of the protocol that the server speaks. */
 const SUBPROTOCOL = "foxglove.sdk.v1";
 /** Nothing here takes longer (ms). */
-const WATCHDOG_MS = 240_000;
+const WATCHDOG_MS = 120_000;
 /** Messages of each channel that are waited for. */
 const MESSAGES = 10;
 const INSTANCE = `foxglove_${process.pid}`;
@@ -81,7 +81,7 @@ async function until(what, holds) {
 
 const fly = async () => {
   const demo = start(JINK, ["demo", "--headless", "--instance", INSTANCE, "--legs", "20", "--set", "recorder.folder="]);
-  await until("a flight", () => /in the air|takes off|took off|leg 1/i.test(demo.output) || demo.child.exitCode !== null);
+  await until("a flight", () => /mode mission/.test(demo.output) || demo.child.exitCode !== null);
   return demo;
 };
 const live = (listen) => start(FOXGLOVE, ["live", "--instance", INSTANCE, "--listen", listen]);

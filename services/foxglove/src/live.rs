@@ -13,6 +13,7 @@ use jink_runtime::{Input, Instance, Session};
 use jink_shared_types::Timestamp;
 use jink_shared_types::topics::RANGE_CLOUD;
 use std::net::{IpAddr, SocketAddr};
+use std::os::unix::fs::MetadataExt;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -38,9 +39,6 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Messages that wait for a client, about half a second of everything; the oldest are left out then. So a client that is stuck costs the
 /// memory of so many clouds, 40 MB, at most.
 const BACKLOG: usize = 128;
-/// Without a status for so long (s) the instance may have been started anew, in other memory: it is looked for. A supervisor that is
-/// replaced is back by then.
-const SILENT_S: f64 = 2.0;
 /// How often an instance is looked for, or a topic whose places are all taken (s).
 const AGAIN_S: f64 = 1.0;
 
@@ -103,20 +101,21 @@ fn serve(
     let mut look_for_due = Timestamp::NEVER;
     while !interrupt.has_come() {
         let now = jink_runtime::now();
-        if let Some(open) = &mut flight {
-            open.look(now, views);
-            if now.seconds_since(open.heard) > SILENT_S {
-                flight = None;
+        flight = flight.and_then(|open| open.of_this_run(instance));
+        match &mut flight {
+            Some(open) => open.look(now, views),
+            None if now >= look_for_due => {
+                look_for_due = now.plus_seconds(AGAIN_S);
+                if is_running(instance)? {
+                    flight = Flight::open(instance, views).inspect_err(log).ok();
+                }
             }
-        } else if now >= look_for_due {
-            look_for_due = now.plus_seconds(AGAIN_S);
-            if is_running(instance)? {
-                flight = Flight::open(instance, now, views).inspect_err(log).ok();
-            }
+            None => {}
         }
         server.broadcast_time(views::unix_ns(now, views.ahead_ns));
         std::thread::sleep(LOOK);
     }
+    let _closed = flight.and_then(|open| open.of_this_run(instance));
     Ok(())
 }
 
@@ -138,17 +137,23 @@ fn ahead_ns() -> i64 {
     unix_ns.saturating_sub_unsigned(jink_runtime::now().ns)
 }
 
+/// Which run of an instance has its memory now: the folder is made anew for each.
+fn run_of(instance: &Instance) -> Option<u64> {
+    let folder = std::fs::metadata(instance.iceoryx_root()).ok()?;
+    Some(folder.ino())
+}
+
 /// A connection to the memory of a run of an instance.
 struct Flight {
+    run: Option<u64>,
     readers: Vec<Box<dyn Look>>,
-    /// When the supervisor has last said something.
-    heard: Timestamp,
     /// Last: the inputs above belong to its connection.
     watch: Watch,
 }
 
 impl Flight {
-    fn open(instance: &Instance, now: Timestamp, views: &mut Views) -> Result<Self, Problem> {
+    fn open(instance: &Instance, views: &mut Views) -> Result<Self, Problem> {
+        let run = run_of(instance);
         let members = Members::of_instance(instance);
         members.clouds.iter().for_each(|sensor| views.add_cloud(sensor));
         let mut readers = Readers {
@@ -157,16 +162,23 @@ impl Flight {
         };
         views::each(&mut readers);
         Ok(Self {
+            run,
             readers: readers.all,
-            heard: now,
             watch: Watch::open(instance)?,
         })
     }
 
-    fn look(&mut self, now: Timestamp, views: &mut Views) {
-        if self.watch.status().is_some() {
-            self.heard = now;
+    /// Itself, as long as its run has not ended. After that it is left as it is: what is closed is removed by its name, which may be one of
+    /// the next run by now, and nobody could join that any more.
+    fn of_this_run(self, instance: &Instance) -> Option<Self> {
+        if self.run.is_some() && run_of(instance) == self.run {
+            return Some(self);
         }
+        std::mem::forget(self);
+        None
+    }
+
+    fn look(&mut self, now: Timestamp, views: &mut Views) {
         for reader in &mut self.readers {
             reader.look(self.watch.session(), now, views);
         }

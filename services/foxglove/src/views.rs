@@ -19,7 +19,8 @@
 //! | `event` | `/event` | Log |
 //!
 //! Times are those of the samples: of messages that of the publication, inside of them that of the measurement. Nothing is made that nobody
-//! has subscribed to. What moves is taken away after [`LIFETIME_S`], so that nothing old looks new.
+//! has subscribed to. What stands in a scene is taken away after [`LIFETIME_S`] without news,
+//! so that nothing old looks new.
 
 use crate::frames::{self, BASE_LINK, MAP};
 use crate::numbers::Numbers;
@@ -75,14 +76,14 @@ pub fn each(visitor: &mut impl Visitor) {
     visitor.visit::<EventSample>();
 }
 
-/// Entities of a scene that come several times a second are taken away after this time (s).
-const LIFETIME_S: i32 = 2;
+/// Entities of a scene are taken away after this time (s): the rarest come once a second, and plans in flight at least that often.
+const LIFETIME_S: i32 = 3;
 /// How often pictures of trajectories and goals are sent (s): ten times a second, if every third of thirty samples is taken.
 const SCENE_PERIOD_S: f64 = 0.08;
 /// The same of a map (s): every second of ten samples.
 const MAP_PERIOD_S: f64 = 0.15;
-/// The same of what hardly changes (s).
-const SLOW_PERIOD_S: f64 = 0.5;
+/// The same of what hardly changes (s): once a second.
+const SLOW_PERIOD_S: f64 = 0.9;
 /// The same of numbers (s): every second of fifty samples a second.
 const NUMBERS_PERIOD_S: f64 = 0.03;
 /// Points of a cloud that are shown at most, evenly thinned: a sweep of a Mid-360, and a depth image as its driver reduces it.
