@@ -217,21 +217,24 @@ trait Look {
 struct Reader<V: View> {
     member: String,
     input: Option<Input<V>>,
+    /// When it is opened again if it could not be; never if that was not tried.
     again_at: Timestamp,
 }
 
 impl<V: View> Look for Reader<V> {
     fn look(&mut self, session: &Session, now: Timestamp, views: &mut Views) {
         if !V::is_wanted(views, &self.member) {
-            self.input = None;
+            (self.input, self.again_at) = (None, Timestamp::NEVER);
             return;
         }
         if self.input.is_none() && now >= self.again_at {
+            let is_first = !self.again_at.is_set();
             self.again_at = now.plus_seconds(AGAIN_S);
-            let opened = session.input(V::TOPIC, &self.member);
-            self.input = opened.inspect_err(|error| tracing::warn!("{error}")).ok();
-            if V::TOPIC.row.is_shared() {
-                self.input = self.input.take().map(Input::of_all_producers);
+            match session.input(V::TOPIC, &self.member) {
+                Ok(input) if V::TOPIC.row.is_shared() => self.input = Some(input.of_all_producers()),
+                Ok(input) => self.input = Some(input),
+                Err(error) if is_first => tracing::warn!("{error}; tried again every second"),
+                Err(_) => {}
             }
         }
         if let Some(input) = &mut self.input {

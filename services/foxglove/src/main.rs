@@ -41,7 +41,12 @@ enum Command {
 fn main() -> ExitCode {
     jink_runtime::descriptors::reserve();
     let cli: Cli = arguments::parse();
-    jink_runtime::logging::init("jink-foxglove", tracing::Level::WARN);
+    let level = match cli.command {
+        Command::Live(_) => tracing::Level::WARN,
+        // What goes wrong ends it, and is said then.
+        Command::Convert(_) => tracing::Level::ERROR,
+    };
+    jink_runtime::logging::init("jink-foxglove", level);
     let outcome = match cli.command {
         Command::Live(args) => live::run(&args),
         Command::Convert(args) => convert::run(&args),

@@ -669,13 +669,18 @@ impl View for SectorRing {
             )),
             start_angle: 0.0,
             end_angle: SECTOR_WIDTH_RAD * (SECTORS - 1) as f64,
-            // Sectors are counted clockwise, the angles of a scan counterclockwise. Infinite: nothing is there. NaN: unknown.
-            ranges: (0..SECTORS)
-                .map(|step| f64::from(ring.distance_m[(SECTORS - step) % SECTORS]))
-                .collect(),
+            ranges: ranges_of(ring.sample),
             intensities: Vec::new(),
         });
     }
+}
+
+/// The distances of a ring (m). Sectors are counted clockwise, the angles of a scan counterclockwise. Infinite: nothing is there. NaN:
+/// unknown.
+fn ranges_of(ring: &SectorRing) -> Vec<f64> {
+    (0..SECTORS)
+        .map(|step| f64::from(ring.distance_m[(SECTORS - step) % SECTORS]))
+        .collect()
 }
 
 /// The centres (local, m) of the occupied cells of a window of `size` cells from `min` on: in rows along north in which there is one.
@@ -842,5 +847,83 @@ impl View for EventSample {
             name: event.process.as_str().to_owned(),
             ..Log::default()
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{centres, edges_of, ranges_of};
+    use jink_shared_types::map::{self, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, center_of};
+    use jink_shared_types::motion::HalfSpace;
+    use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SectorRing, sector_of};
+    use nalgebra::{UnitQuaternion, Vector3};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_box_has_twelve_edges_wherever_it_is_and_however_it_is_turned(
+            centre in prop::array::uniform3(-50.0..50.0f64), angles in prop::array::uniform3(-1.5..1.5f64),
+            half in prop::array::uniform3(0.2..5.0f64),
+        ) {
+            let (centre, [roll, pitch, yaw]) = (Vector3::from(centre), angles);
+            let turn = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+            let planes: Vec<HalfSpace> = (0..6)
+                .map(|side| {
+                    let sign = if side % 2 == 0 { 1.0 } else { -1.0 };
+                    let normal = turn * (Vector3::ith(side / 2, sign));
+                    HalfSpace { normal: normal.into(), offset_m: normal.dot(&centre) + half[side / 2] }
+                })
+                .collect();
+            let edges = edges_of(&planes);
+            prop_assert_eq!(edges.len(), 12);
+            let sum_m: f64 = edges.iter().map(|[from, to]| (to - from).norm()).sum();
+            prop_assert!((sum_m - 8.0 * half.iter().sum::<f64>()).abs() < 1e-6);
+            for end in edges.iter().flatten() {
+                prop_assert!(planes.iter().all(|plane| plane.depth_m(end) > -1e-6));
+            }
+        }
+
+        #[test]
+        fn the_distance_of_a_sector_is_that_of_the_same_direction(bearing_rad in -3.1..3.1f64) {
+            let mut ring = SectorRing::default();
+            ring.distance_m[sector_of(bearing_rad)] = 7.0;
+            let ranges = ranges_of(&ring);
+            let index = ranges.iter().position(|range_m| *range_m == 7.0).unwrap();
+            // Counterclockwise from forward, as a scan has it.
+            let off_rad = index as f64 * SECTOR_WIDTH_RAD + bearing_rad;
+            prop_assert!(off_rad.cos() > (0.51 * SECTOR_WIDTH_RAD).cos());
+        }
+    }
+
+    #[test]
+    fn what_is_open_has_no_edges_at_its_open_side() {
+        assert!(edges_of(&[]).is_empty());
+        let wall = |normal: [f64; 3]| HalfSpace {
+            normal,
+            offset_m: 1.0,
+        };
+        assert!(edges_of(&[wall([1.0, 0.0, 0.0]), wall([0.0, 1.0, 0.0])]).is_empty());
+    }
+
+    #[test]
+    fn cells_are_shown_where_they_are_wherever_the_window_is() {
+        for min in [[0, 0, 0], [-64, -64, -32], [37, -201, 11], [-1, 127, -63]] {
+            let mut local = LocalMap::boxed();
+            local.min_cell = min;
+            let wanted = [[0, 0, 0], [5, 70, 9], [127, 127, 63]];
+            let wanted = wanted.map(|cell: Cell| [0, 1, 2].map(|axis| min[axis] + cell[axis]));
+            for cell in wanted {
+                map::set(&mut local.occupied, cell);
+            }
+            let has_any = |cell| local.occupied[map::row_of(cell)] != [0; 2];
+            let is_occupied = |cell| map::test(&local.occupied, cell);
+            let shown = centres(local.cell_m, min, [SIZE_X, SIZE_Y, SIZE_Z], has_any, is_occupied);
+            let shown: Vec<_> = shown.collect();
+            assert_eq!(shown.len(), wanted.len());
+            for cell in wanted {
+                let centre = center_of(cell).vector();
+                assert!(shown.iter().any(|at| (at - centre).norm() < 1e-9), "{cell:?}");
+            }
+        }
     }
 }
