@@ -115,7 +115,6 @@ fn serve(
         server.broadcast_time(views::unix_ns(now, views.ahead_ns));
         std::thread::sleep(LOOK);
     }
-    let _closed = flight.and_then(|open| open.of_this_run(instance));
     Ok(())
 }
 
@@ -168,14 +167,9 @@ impl Flight {
         })
     }
 
-    /// Itself, as long as its run has not ended. After that it is left as it is: what is closed is removed by its name, which may be one of
-    /// the next run by now, and nobody could join that any more.
+    /// Itself, as long as its run has not ended.
     fn of_this_run(self, instance: &Instance) -> Option<Self> {
-        if self.run.is_some() && run_of(instance) == self.run {
-            return Some(self);
-        }
-        std::mem::forget(self);
-        None
+        (self.run.is_some() && run_of(instance) == self.run).then_some(self)
     }
 
     fn look(&mut self, now: Timestamp, views: &mut Views) {

@@ -168,6 +168,11 @@ impl Instance {
         self.folder().join("iox")
     }
 
+    /// Which run has the shared memory now; its folder is made anew for each. `None` if there is none.
+    pub(crate) fn run(&self) -> Option<u64> {
+        Some(std::fs::metadata(self.iceoryx_root()).ok()?.ino())
+    }
+
     /// Where the configuration in force is kept while the instance is up.
     pub fn run_config(&self) -> PathBuf {
         self.folder().join("config")

@@ -31,8 +31,11 @@ use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVar
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as MessagingPatternConfig;
 use jink_shared_types::SampleHeader;
 use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, TopicRow, is_spectator};
+use std::any::Any;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::fmt;
-use std::mem::MaybeUninit;
+use std::mem::{ManuallyDrop, MaybeUninit};
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
@@ -54,7 +57,11 @@ type EventFactory = event::PortFactory<ipc::Service>;
 
 /// A connection to one instance's shared memory.
 pub(crate) struct Connection {
-    node: Node<ipc::Service>,
+    node: ManuallyDrop<Node<ipc::Service>>,
+    /// The topics that it has opened: they are closed with it.
+    topics: RefCell<BTreeMap<String, Box<dyn Any>>>,
+    /// The run of the instance that it belongs to.
+    run: Option<u64>,
     instance: Instance,
     /// It only looks on: the places of the services are not for it.
     is_spectator: bool,
@@ -86,10 +93,19 @@ impl Connection {
             .close_to_others()
             .map_err(|error| failed(error.to_string()))?;
         Ok(Self {
-            node,
+            node: ManuallyDrop::new(node),
+            topics: RefCell::default(),
+            run: instance.run(),
             instance: instance.clone(),
             is_spectator: is_spectator(program),
         })
+    }
+
+    /// Keeps a topic until the connection is closed.
+    fn keep(&self, name: &str, topic: impl Any) {
+        let kept = self.topics.borrow_mut().insert(name.to_owned(), Box::new(topic));
+        // The one before, of the same topic, is closed after the new one has been opened: the topic stays.
+        drop(kept);
     }
 
     /// Takes what memory the instance's small files lack; what that takes of large ones, their publishers do.
@@ -121,6 +137,7 @@ impl Connection {
             true => {
                 let event = self.event(row, name)?;
                 let notifier = self.with_room(|| event.notifier_builder().create());
+                self.keep(&event_of(name), event);
                 Some(notifier.map_err(|error| refused(name, &error))?)
             }
             false => None,
@@ -139,6 +156,7 @@ impl Connection {
         }
         // Connect to the readers that are there already; others are found at the next sample.
         publisher.connect();
+        self.keep(name, factory);
         Ok(publisher)
     }
 
@@ -162,7 +180,10 @@ impl Connection {
         name: &str,
         payload: PayloadType,
     ) -> Result<Subscriber, OpenError> {
-        self.subscriber_of(&self.pub_sub(row, name, payload)?, row, name)
+        let factory = self.pub_sub(row, name, payload)?;
+        let subscriber = self.subscriber_of(&factory, row, name);
+        self.keep(name, factory);
+        subscriber
     }
 
     fn subscriber_of(
@@ -215,8 +236,10 @@ impl Connection {
         // SAFETY: a topic with another header does not open.
         let builder = unsafe { builder.__internal_set_user_header_type_details(&header_type()) };
         let factory = builder.open().map_err(|error| transport(name, &error))?;
+        let subscriber = self.subscriber_of(&factory, row, name);
+        self.keep(name, factory);
         Ok(Some(RawInput {
-            subscriber: self.subscriber_of(&factory, row, name)?,
+            subscriber: subscriber?,
             type_name: payload.type_name().to_string(),
             size: payload.size(),
         }))
@@ -224,9 +247,9 @@ impl Connection {
 
     pub(crate) fn wakeup(&self, row: &TopicRow, name: &str) -> Result<Wakeup, OpenError> {
         let event = self.event(row, name)?;
-        self.with_room(|| event.listener_builder().create())
-            .map(Wakeup)
-            .map_err(|error| refused(name, &error))
+        let listener = self.with_room(|| event.listener_builder().create());
+        self.keep(&event_of(name), event);
+        listener.map(Wakeup).map_err(|error| refused(name, &error))
     }
 
     /// What keeps the topic there.
@@ -292,6 +315,26 @@ impl Connection {
         self.with_room(|| retry(open))
             .map_err(|error| refused(name, &error))
     }
+}
+
+impl Drop for Connection {
+    /// Whoever closes a topic last removes it by its name. After the end of its run that is a topic of the next one, which nobody could
+    /// open any more: then everything is left as it is.
+    fn drop(&mut self) {
+        let topics = self.topics.take();
+        if self.instance.run() == self.run {
+            drop(topics);
+            // SAFETY: nobody uses it after this.
+            unsafe { ManuallyDrop::drop(&mut self.node) };
+        } else {
+            std::mem::forget(topics);
+        }
+    }
+}
+
+/// The place of a topic's wake-ups among the topics of a connection.
+fn event_of(topic: &str) -> String {
+    format!("{topic} event")
 }
 
 /// How many programs that only look on have opened a topic, the dead among them.

@@ -1,7 +1,9 @@
 //! Who only looks on never takes the place of a service, and a service that finds all places taken waits for one.
 
 use jink_runtime::{Instance, OpenError, Session, StartError};
+use jink_shared_types::SampleHeader;
 use jink_shared_types::topics::{self, SPECTATOR};
+use jink_shared_types::vehicle::VehicleState;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
@@ -153,4 +155,24 @@ fn a_command_that_publishes_leaves_the_services_their_places_as_well() {
     let programs = ["ground_services", "planner", "ground_services", "planner"];
     let services: Vec<_> = programs.iter().map(|program| open(program).unwrap()).collect();
     assert_eq!(services.len(), programs.len());
+}
+
+/// Somebody left a command open over the end of a run and the begin of the next one.
+#[test]
+fn a_spectator_of_the_run_before_takes_no_topic_away_when_it_ends() {
+    let system = Isolated::new("run_before");
+    let before = system.session("mavlink_gateway");
+    let published = before.output(topics::VEHICLE_STATE, "", 1).unwrap();
+    let spectator = system.session(SPECTATOR);
+    let read = spectator.input(topics::VEHICLE_STATE, "").unwrap();
+    drop((published, before));
+    system.0.wipe().unwrap();
+    let gateway = system.session("mavlink_gateway");
+    let mut output = gateway.output(topics::VEHICLE_STATE, "", 1).unwrap();
+    drop((read, spectator));
+    let guard = system.session("collision_guard");
+    let mut input = guard.input(topics::VEHICLE_STATE, "").unwrap();
+    let now = jink_runtime::now();
+    output.send(SampleHeader::at(now), &VehicleState::default());
+    assert!(input.latest(now).is_fresh());
 }
