@@ -92,6 +92,8 @@ struct RecordedTopic {
     samples: VecDeque<Recorded>,
     /// Samples that are not in the recording.
     lost: u64,
+    /// The number of the first recorded sample of each start of its producer: what was published before was not seen.
+    begins: BTreeMap<u32, u32>,
 }
 
 /// A sample of the recording.
@@ -209,6 +211,10 @@ impl<'a> Flight<'a> {
         if topic.channel.topic.is_empty() {
             topic.channel = Channel::from(sample);
         }
+        let SampleHeader {
+            generation, sequence, ..
+        } = *sample.header;
+        topic.begins.entry(generation).or_insert(sequence as u32);
         topic.samples.push_back(Recorded {
             header: *sample.header,
             payload: sample.payload.to_vec(),
@@ -465,6 +471,9 @@ impl<'a> Flight<'a> {
             };
             let samples = topic.samples.iter_mut();
             let mut recorded: Vec<&mut Recorded> = samples.filter(|it| is_own(it)).collect();
+            let begin = topic.begins.get(&name.generation).copied();
+            let is_before =
+                |header: &SampleHeader| begin.is_some_and(|begin| (header.sequence as u32) < begin);
             let of_topic = published.iter().filter(|(topic, ..)| *topic == known.topic);
             // By their order in the cycle, or, where some were not recorded, by their numbers.
             let is_partner = |recorded: &&mut Recorded, header: &SampleHeader| {
@@ -486,7 +495,7 @@ impl<'a> Flight<'a> {
                         compared.samples += 1;
                         field.map(|field| difference(&known.topic, Some(field), true))
                     }
-                    None if topic.lost > 0 => None,
+                    None if topic.lost > 0 || is_before(header) => None,
                     None => Some(difference(&known.topic, None, false)),
                 };
                 if let Some(found) = found {
