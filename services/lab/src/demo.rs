@@ -175,9 +175,10 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     if let Some(file) = &recording {
         sayln!("recording: {}", file.display());
     }
-    if let Some(page) = &args.report {
-        report(recording.as_deref(), sitl.as_deref(), page)?;
-    }
+    let reported = match &args.report {
+        Some(page) => report(recording.as_deref(), sitl.as_deref(), page),
+        None => Ok(()),
+    };
     if let Some(folder) = &sitl {
         let _not_there = std::fs::remove_dir_all(folder);
     }
@@ -193,6 +194,8 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             serde_json::to_string(&flown.summary).map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");
     }
+    // The figures are there without the page.
+    reported?;
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
 }
 
