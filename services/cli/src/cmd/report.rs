@@ -57,7 +57,14 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
             out.display()
         )));
     }
-    std::fs::write(&out, flight.page()).map_err(Problem::io(out.display().to_string()))?;
+    // A page that could not be written whole leaves the one before.
+    let unfinished = out.with_extension("html.new");
+    let written =
+        std::fs::write(&unfinished, flight.page()).and_then(|()| std::fs::rename(&unfinished, &out));
+    if written.is_err() {
+        let _not_there = std::fs::remove_file(&unfinished);
+    }
+    written.map_err(Problem::io(out.display().to_string()))?;
     sayln!("{}", out.display());
     Ok(ExitCode::SUCCESS)
 }
