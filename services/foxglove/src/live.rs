@@ -13,7 +13,6 @@ use jink_runtime::{Input, Instance, Session};
 use jink_shared_types::Timestamp;
 use jink_shared_types::topics::RANGE_CLOUD;
 use std::net::{IpAddr, SocketAddr};
-use std::os::unix::fs::MetadataExt;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -118,7 +117,7 @@ fn serve(
     Ok(())
 }
 
-/// It may be gone, or full, for now.
+/// The instance may be gone, or its places for spectators taken, for now.
 fn log(problem: &Problem) {
     tracing::warn!("{problem}");
 }
@@ -136,12 +135,6 @@ fn ahead_ns() -> i64 {
     unix_ns.saturating_sub_unsigned(jink_runtime::now().ns)
 }
 
-/// Which run of an instance has its memory now: the folder is made anew for each.
-fn run_of(instance: &Instance) -> Option<u64> {
-    let folder = std::fs::metadata(instance.iceoryx_root()).ok()?;
-    Some(folder.ino())
-}
-
 /// A connection to the memory of a run of an instance.
 struct Flight {
     run: Option<u64>,
@@ -152,7 +145,7 @@ struct Flight {
 
 impl Flight {
     fn open(instance: &Instance, views: &mut Views) -> Result<Self, Problem> {
-        let run = run_of(instance);
+        let run = instance.run();
         let members = Members::of_instance(instance);
         members.clouds.iter().for_each(|sensor| views.add_cloud(sensor));
         let mut readers = Readers {
@@ -169,7 +162,7 @@ impl Flight {
 
     /// Itself, as long as its run has not ended.
     fn of_this_run(self, instance: &Instance) -> Option<Self> {
-        (self.run.is_some() && run_of(instance) == self.run).then_some(self)
+        (self.run.is_some() && instance.run() == self.run).then_some(self)
     }
 
     fn look(&mut self, now: Timestamp, views: &mut Views) {

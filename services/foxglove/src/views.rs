@@ -19,7 +19,7 @@
 //! | `event` | `/event` | Log |
 //!
 //! Times are those of the samples: of messages that of the publication, inside of them that of the measurement. Nothing is made that nobody
-//! has subscribed to. What stands in a scene is taken away after [`LIFETIME_S`] without news,
+//! has subscribed to. What stands in a scene is taken away after [`LIFETIME_S`] without a new sample,
 //! so that nothing old looks new.
 
 use crate::frames::{self, BASE_LINK, MAP};

@@ -169,7 +169,7 @@ impl Instance {
     }
 
     /// Which run has the shared memory now; its folder is made anew for each. `None` if there is none.
-    pub(crate) fn run(&self) -> Option<u64> {
+    pub fn run(&self) -> Option<u64> {
         Some(std::fs::metadata(self.iceoryx_root()).ok()?.ino())
     }
 
