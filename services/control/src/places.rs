@@ -62,7 +62,7 @@ pub fn workspace(folder: &Path) -> Option<&Path> {
         .ancestors()
         .find(|folder| folder.join("Cargo.lock").is_file())
 }
-/// Whether `file` can be written: after a flight it would be too late to say that it cannot. What is there stays.
+/// Tries whether `file` can be written, before the flight whose results it is to hold. Its content stays.
 ///
 /// # Errors
 /// What the system says.

@@ -1,10 +1,10 @@
-//! What limits the speed now: the tightest of what the plan says, its room, its end and what is allowed.
+//! The limit of the speed in force, and its cause: what is allowed, known space, the room, the end of the trajectory, a stop, a brake.
 
 use crate::planned_speed::PlannedSpeed;
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::{ApprovedTrajectory, Route, TrajectoryMode, Verdict};
 
-/// A difference of speeds that nobody sees (m/s).
+/// Speeds that differ by less are shown as the same: two of one decimal (m/s).
 const SPEED_SLACK_MPS: f64 = 0.06;
 /// A trajectory that ends within this time is about to rest (s).
 const SOON_S: f64 = 1.0;
