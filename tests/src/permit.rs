@@ -1,10 +1,12 @@
 //! What tests of real processes may use of the machine: several run at once, and those that judge time alone.
 //!
-//! A system that flies waits most of its time, so some of them side by side do not disturb each other.
+//! A system that flies waits most of its time, so some of them side by side do not disturb each other, and fewer do where other programs
+//! leave them no processor.
 // A harness for tests: the locks hold counters that no panic leaves half written.
 
 use std::cell::RefCell;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, Instant};
 
 /// Leave to run real processes, until the last copy of it is dropped.
 #[derive(Clone, Debug)]
@@ -31,6 +33,23 @@ static RUNNING: Mutex<Running> = Mutex::new(Running {
 });
 static CHANGED: Condvar = Condvar::new();
 
+/// How long the machine is watched for what it leaves: some cycles of the slowest service.
+const WATCHED: Duration = Duration::from_millis(500);
+/// Less than this share of one processor unused is a machine whose processors are all asked for.
+const UNUSED_MIN: f64 = 0.1;
+
+/// How much of the machine nobody used, watched over [`WATCHED`] and longer.
+struct Unused {
+    since: Option<(Instant, u64)>,
+    is_none_left: bool,
+}
+
+static UNUSED: Mutex<Unused> = Mutex::new(Unused {
+    since: None,
+    // Until it was watched.
+    is_none_left: true,
+});
+
 thread_local! {
     /// What the test of this thread holds, so that its second system needs no second permit: two tests that hold one each and want
     /// another would wait for ever.
@@ -41,8 +60,7 @@ thread_local! {
 pub fn share() -> Permit {
     let mine = MINE.with_borrow(Weak::upgrade);
     let held = mine.unwrap_or_else(|| {
-        let most = sharing_at_most();
-        let may_run = |running: &Running| running.judging_time == 0 && running.sharing < most;
+        let may_run = |running: &Running| running.judging_time == 0 && running.sharing < sharing_at_most();
         wait_until(may_run).sharing += 1;
         hold(false)
     });
@@ -65,19 +83,61 @@ pub fn for_judging_time() -> Permit {
     Permit { _held: held }
 }
 
-/// Three times as many as there are cores compute for half of these cores' time.
+/// Three systems that fly compute for half of one core's time.
+const PER_CORE: usize = 3;
+
+/// As many as these cores fly; where other programs ask for all of their time, one per core has its share.
 fn sharing_at_most() -> usize {
-    3 * std::thread::available_parallelism().map_or(1, usize::from)
+    match is_none_left() {
+        true => cores(),
+        false => PER_CORE * cores(),
+    }
+}
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Whether the processors had nothing left when they were watched last.
+fn is_none_left() -> bool {
+    let mut unused = UNUSED.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(idle) = idle_ticks() else {
+        return false;
+    };
+    let now = Instant::now();
+    let (begin, before) = *unused.since.get_or_insert((now, idle));
+    let watched_s = now.duration_since(begin).as_secs_f64();
+    if watched_s >= WATCHED.as_secs_f64() {
+        // `sysconf(_SC_CLK_TCK)` is 100 on Linux, whatever the kernel's own rate.
+        let unused_s = idle.saturating_sub(before) as f64 / 100.0;
+        *unused = Unused {
+            since: Some((now, idle)),
+            is_none_left: unused_s < UNUSED_MIN * watched_s,
+        };
+    }
+    unused.is_none_left
+}
+
+/// The idle time of all processors since boot (1/100 s): fourth number of the first row of `/proc/stat` (proc(5)).
+fn idle_ticks() -> Option<u64> {
+    let stat = std::fs::read_to_string("/proc/stat").ok()?;
+    stat.lines().next()?.split_whitespace().nth(4)?.parse().ok()
 }
 
 fn running() -> MutexGuard<'static, Running> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Looks again after a while, too: what other programs leave changes without a word.
 fn wait_until(may_run: impl Fn(&Running) -> bool) -> MutexGuard<'static, Running> {
-    CHANGED
-        .wait_while(running(), |now| !may_run(now))
-        .unwrap_or_else(PoisonError::into_inner)
+    let mut now = running();
+    while !may_run(&now) {
+        now = CHANGED
+            .wait_timeout(now, WATCHED)
+            .unwrap_or_else(PoisonError::into_inner)
+            .0;
+    }
+    now
 }
 
 fn hold(judges_time: bool) -> Arc<Held> {
@@ -99,7 +159,7 @@ impl Drop for Held {
 
 #[cfg(test)]
 mod tests {
-    use super::{for_judging_time, running, share, sharing_at_most};
+    use super::{PER_CORE, cores, for_judging_time, running, share};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// In one test, since all permits of a process are of one machine.
@@ -122,7 +182,7 @@ mod tests {
                             let permit = share();
                             let second = share();
                             drop(permit);
-                            assert!(sharing.fetch_add(1, Ordering::SeqCst) < sharing_at_most());
+                            assert!(sharing.fetch_add(1, Ordering::SeqCst) < PER_CORE * cores());
                             assert_eq!(judging.load(Ordering::SeqCst), 0);
                             std::thread::yield_now();
                             sharing.fetch_sub(1, Ordering::SeqCst);

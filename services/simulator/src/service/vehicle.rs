@@ -17,8 +17,9 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::os::fd::BorrowedFd;
 
-/// More steps than this behind, the simulation goes on slower than real time instead of catching up: 200 ms.
-const CATCH_UP_STEPS: u64 = 50;
+/// More steps than this behind, the autopilot's clock falls behind the board's: 2 s. No autopilot's clock does, and curves that are dated
+/// by it lie in its future then; a busy machine keeps a simulator waiting for less.
+const CATCH_UP_STEPS: u64 = 500;
 /// The links, in the order in which they are read.
 const LINKS: [Link; 2] = [Link::Companion, Link::GroundStation];
 
