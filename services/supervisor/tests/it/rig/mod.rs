@@ -197,11 +197,16 @@ impl Rig {
 
     /// What of the instance is left in shared memory.
     pub fn stale_resources(&self) -> Vec<String> {
-        let prefix = format!("jink_{}", self.instance);
+        let own = format!("jink_{}", self.instance);
+        // Not those of an instance whose number begins with the digits of this one.
+        let is_own = |name: &String| {
+            let rest = name.strip_prefix(&own);
+            rest.is_some_and(|rest| !rest.starts_with(|next: char| next.is_ascii_digit()))
+        };
         let names = std::fs::read_dir("/dev/shm").unwrap().flatten();
         names
             .filter_map(|entry| entry.file_name().into_string().ok())
-            .filter(|name| name.starts_with(&prefix))
+            .filter(is_own)
             .collect()
     }
 }
