@@ -165,7 +165,7 @@ impl Start {
             "--process".into(),
             name.process.clone().into(),
             "--instance".into(),
-            format!("replay_{}", std::process::id()).into(),
+            instance_name().into(),
             "--config".into(),
             folder.clone().into(),
             "--generation".into(),
@@ -245,7 +245,16 @@ impl Drop for Start {
     fn drop(&mut self) {
         // It is in the folder for what is temporary.
         let _stays = std::fs::remove_dir_all(&self.folder);
+        // What a parameter server has kept.
+        if let Ok(instance) = instance_name().parse::<jink_runtime::Instance>() {
+            let _was_none = std::fs::remove_dir_all(instance.folder());
+        }
     }
+}
+
+/// The instance whose name replayed services bear.
+fn instance_name() -> String {
+    format!("replay_{}", std::process::id())
 }
 
 /// A text that ends in a line of a log, with what that says.
