@@ -13,6 +13,7 @@ pub use trajectory::{ApprovedTrajectory, GuardReason, Trajectory, TrajectoryMode
 use crate::bezier::{self, End, QUINTIC};
 use crate::frames::{Acceleration, LocalNed, Point, Velocity, wrap_pi};
 use crate::reserved::Reserved;
+use crate::tracking::Tracking;
 use nalgebra::Vector3;
 
 /// Most vertices of a guide path.
@@ -32,6 +33,12 @@ pub const TRAJECTORY_PIECES: usize = 20;
 pub const LIMIT_TOLERANCE: f64 = 0.01;
 /// The same, absolute (m/s, m/s^2, m/s^3, rad/s), for a limit of zero: what rounding makes of a rest.
 pub const LIMIT_SLACK: f64 = 1e-3;
+
+/// How far ahead a new plan departs from the committed one (s): planner, generator, guard and the transport between
+/// them take some 10 ms; 100 ms leave time for a restart of any of them.
+pub const SPLICE_LEAD_S: f64 = 0.10;
+/// From one plan to the next that is flown (s): the period of maps, and the time by which a plan departs ahead.
+pub const REPLANNED_S: f64 = 0.1 + SPLICE_LEAD_S;
 
 crate::sample! {
     /// The half-space `normal . p <= offset_m`; `normal` has unit length.
@@ -103,7 +110,7 @@ impl Polytope {
 crate::sample! {
     /// What a motion may not exceed. All limits hold for the Euclidean norm of the whole vector unless stated.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct MotionLimits: 64 {
+    pub struct MotionLimits: 80 {
         /// Speed (m/s).
         pub speed_mps: f64,
         /// Speed upwards (m/s).
@@ -120,14 +127,19 @@ crate::sample! {
         pub tube_m: f64,
         /// How far it may run past the end of a stop within these limits (m).
         pub overshoot_m: f64,
+        /// Acceleration of the pieces that brake to rest at the end (m/s^2); across their direction they keep
+        /// [`MotionLimits::across_mps2`].
+        pub braking_mps2: f64,
+        /// Jerk of these pieces (m/s^3).
+        pub braking_jerk_mps3: f64,
     }
 }
 
-/// Acceleration (m/s^2) that a stop may reach: the hardest braking, PX4's MPC_ACC_HOR of 3, and half of it for what the
-/// vehicle accelerates when it begins to stop.
-const STOP_ACCELERATION_MPS2: f64 = 4.5;
-/// Jerk (m/s^3) that a stop may reach: a straight one from steady flight is shaped with half of it.
-pub const STOP_JERK_MPS3: f64 = 12.0;
+/// Acceleration that a stop may reach, as a share of the hardest braking: half of it more for what the vehicle
+/// accelerates when it begins to stop.
+const STOP_ACCELERATION: f64 = 1.5;
+/// Jerk that a stop may reach, the same: a straight one from steady flight is shaped with half of it.
+pub const STOP_JERK: f64 = 2.0;
 
 impl MotionLimits {
     /// Whether all of them are finite and none is negative.
@@ -141,20 +153,50 @@ impl MotionLimits {
             self.yaw_rate_radps,
             self.tube_m,
             self.overshoot_m,
+            self.braking_mps2,
+            self.braking_jerk_mps3,
         ];
         limits.iter().all(|limit| limit.is_finite() && *limit >= 0.0)
     }
 
-    /// The limits of a stop out of a motion within these: harder than a plan, and not slower than `speed_mps` at its
-    /// start.
+    /// The limits of a stop out of a motion within these: as hard as an autopilot that follows as `tracking` says can
+    /// brake, and not slower than `speed_mps` at its start.
     #[must_use]
-    pub fn of_a_stop(self, speed_mps: f64) -> Self {
+    pub fn of_a_stop(self, tracking: &Tracking, speed_mps: f64) -> Self {
+        let (braking_mps2, jerk_mps3) = tracking.hardest_stop();
         Self {
             speed_mps: self.speed_mps.max(speed_mps),
-            acceleration_mps2: STOP_ACCELERATION_MPS2,
-            jerk_mps3: STOP_JERK_MPS3,
+            acceleration_mps2: STOP_ACCELERATION * braking_mps2,
+            jerk_mps3: STOP_JERK * jerk_mps3,
             ..self
         }
+    }
+
+    /// The limits of pieces that brake; across their way they keep [`Self::across_mps2`] of these.
+    #[must_use]
+    pub fn of_braking(self) -> Self {
+        Self {
+            acceleration_mps2: self.braking_mps2,
+            jerk_mps3: self.braking_jerk_mps3,
+            ..self
+        }
+    }
+
+    /// With a stop at the end as gentle as everything else: of an autopilot that follows as `tracking` says.
+    #[must_use]
+    pub fn with_gentle_stop(self, tracking: &Tracking) -> Self {
+        Self {
+            overshoot_m: tracking.overshoot_m(self.acceleration_mps2),
+            braking_mps2: self.acceleration_mps2,
+            braking_jerk_mps3: self.jerk_mps3,
+            ..self
+        }
+    }
+
+    /// Acceleration across its direction (m/s^2) that a piece which brakes may reach, sideways and vertically: both
+    /// together are what the tube holds.
+    pub fn across_mps2(&self) -> f64 {
+        self.acceleration_mps2 * std::f64::consts::FRAC_1_SQRT_2
     }
 
     /// The largest value that counts as within `limit`, one of these limits or what takes its place, in the same unit.
@@ -264,6 +306,22 @@ impl BezierPiece {
         )
     }
 
+    /// Whether its acceleration across the way from its start to its end is at most `most_mps2` (m/s^2) sideways and vertically, or
+    /// what it is in `start`: by the hull of its control points.
+    pub fn is_straight(&self, most_mps2: f64, start: &MotionState) -> bool {
+        let points = self.points();
+        let Some(across) = across(&(points[QUINTIC - 1] - points[0])) else {
+            return true;
+        };
+        let velocity: [_; 5] = bezier::derivative(&points, self.duration_s);
+        let acceleration: [_; 4] = bezier::derivative(&velocity, self.duration_s);
+        across.iter().all(|normal| {
+            let inherited_mps2 = start.acceleration.vector().dot(normal).abs();
+            let most_mps2 = MotionLimits::allowed(most_mps2.max(inherited_mps2));
+            acceleration.iter().all(|a| a.dot(normal).abs() <= most_mps2)
+        })
+    }
+
     /// Whether every number is finite and the duration positive.
     pub fn is_sound(&self) -> bool {
         self.position.iter().all(|p| p.is_finite())
@@ -271,6 +329,15 @@ impl BezierPiece {
             && self.duration_s.is_finite()
             && self.duration_s > 0.0
     }
+}
+
+/// The unit vectors across `way`, sideways and vertical; `None` for none. Of a vertical way north and east.
+pub fn across(way: &Vector3<f64>) -> Option<[Vector3<f64>; 2]> {
+    let along = way.try_normalize(1e-6)?;
+    let sideways = Vector3::new(-along.y, along.x, 0.0)
+        .try_normalize(1e-3)
+        .unwrap_or(Vector3::y());
+    Some([sideways, along.cross(&sideways).normalize()])
 }
 
 /// Distance needed to come to rest (m) from `speed_mps`, with a reaction time `delay_s`, a jerk-limited build-up and

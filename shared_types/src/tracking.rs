@@ -2,23 +2,30 @@
 //!
 //! A trajectory is certified for a tube around it, in which the vehicle stays. Corner cutting grows with the commanded
 //! acceleration `a`, and hardly with the speed alone: `tube = BASE + CUT * a`. Past the end of a stop the vehicle runs
-//! `OVERSHOOT * a`, with the greatest deceleration `a`. Which numbers hold belongs to the way in which the autopilot is
-//! commanded, so the gateway, which knows it, publishes them with the vehicle's state.
+//! `OVERSHOOT * a`, with the greatest deceleration `a`; both hold up to the hardest braking that was measured. Which numbers
+//! hold belongs to the way in which the autopilot is commanded, so the gateway, which knows it, publishes them with the
+//! vehicle's state.
 
 /// Tracking error on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
 pub const TUBE_BASE_M: f64 = 0.06;
 
-/// Figures beyond this (s^2) describe no autopilot.
+/// Figures beyond these (s^2, m/s^2, m/s^3) describe no autopilot.
 const PLAUSIBLE_S2: f64 = 5.0;
+const PLAUSIBLE_BRAKING_MPS2: f64 = 20.0;
+const PLAUSIBLE_JERK_MPS3: f64 = 500.0;
 
 crate::sample! {
     /// How closely the autopilot follows what it is sent. Zeros: not known.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct Tracking: 16 {
+    pub struct Tracking: 32 {
         /// Corner cutting per commanded acceleration (m per m/s^2).
         pub cut_s2: f64,
         /// Overshoot of a stop per greatest deceleration (m per m/s^2).
         pub overshoot_s2: f64,
+        /// Hardest braking to rest that it follows as the other figures say (m/s^2).
+        pub braking_mps2: f64,
+        /// Jerk of that braking (m/s^3).
+        pub braking_jerk_mps3: f64,
     }
 }
 
@@ -31,14 +38,20 @@ impl Tracking {
     pub const PX4_TRAJECTORY: Self = Self {
         cut_s2: 0.41,
         overshoot_s2: 0.47,
+        // Harder than this it brakes in a way of its own.
+        braking_mps2: 1.3,
+        braking_jerk_mps3: 3.2,
     };
 
     /// PX4 in OFFBOARD, with positions, velocities and accelerations 50 times a second. Measured: 0.26 m at 1.8 m/s^2,
-    /// 0.33 m at 2.6 m/s^2 (PX4 of 2021); 0.31 m at 1.8 m/s^2 (current PX4 with little drag), and with velocity and
-    /// acceleration sent early 0.20 m at 2.6 m/s^2. Stops: 0.34 m past their end at 2 m/s^2, 0.76 m at 4 m/s^2.
+    /// 0.33 m at 2.6 m/s^2 (PX4 of 2021); with velocity and acceleration sent early, as the gateway does, 0.20 m at 2.6 m/s^2
+    /// and 0.34 m at 4.7 m/s^2, in forests at up to 7.5 m/s 0.36 m with up to 4.6 m/s^2 across (current PX4). Stops: 0.34 m
+    /// past their end at 2 m/s^2, 0.76 m at 4 m/s^2, 0.81 m at 6 m/s^2 from 8 m/s: OFFBOARD has no limit of acceleration but the tilt (MPC_TILTMAX_AIR, 45 degrees: 9.8 m/s^2).
     pub const PX4_OFFBOARD: Self = Self {
-        cut_s2: 0.17,
-        overshoot_s2: 0.22,
+        cut_s2: 0.11,
+        overshoot_s2: 0.20,
+        braking_mps2: 6.0,
+        braking_jerk_mps3: 20.0,
     };
 
     /// ArduCopter in GUIDED, the same stream. Measured: 0.12 m at 1.8 m/s^2, 0.18 m at 2.6 m/s^2; stops 0.35 m past
@@ -46,20 +59,45 @@ impl Tracking {
     pub const ARDUPILOT_GUIDED: Self = Self {
         cut_s2: 0.10,
         overshoot_s2: 0.27,
+        // Stops of 4 m/s^2 ran no farther, but it corrects with 2.5 at most (WPNAV_ACCEL).
+        braking_mps2: 3.0,
+        braking_jerk_mps3: 6.0,
     };
 
     /// These figures; `None` if they are not known, or are none of an autopilot.
     pub fn known(self) -> Option<Self> {
-        let is_known = |figure: f64| figure > 0.0 && figure <= PLAUSIBLE_S2;
-        (is_known(self.cut_s2) && is_known(self.overshoot_s2)).then_some(self)
+        let is_known = |figure: f64, most: f64| figure > 0.0 && figure <= most;
+        let are_known = is_known(self.cut_s2, PLAUSIBLE_S2)
+            && is_known(self.overshoot_s2, PLAUSIBLE_S2)
+            && is_known(self.braking_mps2, PLAUSIBLE_BRAKING_MPS2)
+            && is_known(self.braking_jerk_mps3, PLAUSIBLE_JERK_MPS3);
+        are_known.then_some(self)
     }
 
-    /// Of both the looser figures.
-    pub fn looser(self, other: Self) -> Self {
+    /// With figures that are at least as loose as `cut_s2` and `overshoot_s2`.
+    #[must_use]
+    pub fn looser(self, cut_s2: f64, overshoot_s2: f64) -> Self {
         Self {
-            cut_s2: self.cut_s2.max(other.cut_s2),
-            overshoot_s2: self.overshoot_s2.max(other.overshoot_s2),
+            cut_s2: self.cut_s2.max(cut_s2),
+            overshoot_s2: self.overshoot_s2.max(overshoot_s2),
+            ..self
         }
+    }
+
+    /// The deceleration (m/s^2) and jerk (m/s^3) of the shortest stop from `speed_mps` (m/s), the overshoot included, that are not
+    /// below `least` and not above the hardest ones: the least of `v^2 / 2a + v a / 2j + k a` is at `a = v / sqrt(2 k + v / j)`.
+    pub fn shortest_stop(&self, speed_mps: f64, least: (f64, f64)) -> (f64, f64) {
+        let (least_mps2, least_mps3) = least;
+        let spread = 2.0 * self.overshoot_s2 + speed_mps / self.braking_jerk_mps3;
+        let braking_mps2 = (speed_mps / spread.sqrt()).min(self.braking_mps2).max(least_mps2);
+        let jerk_mps3 = self.braking_jerk_mps3 * (braking_mps2 / self.braking_mps2).min(1.0);
+        (braking_mps2, jerk_mps3.max(least_mps3))
+    }
+
+    /// The hardest stop that is asked for where nothing else is left: deceleration (m/s^2) and jerk (m/s^3). PX4's MPC_ACC_HOR is 3,
+    /// its MPC_JERK_MAX 8.
+    pub fn hardest_stop(&self) -> (f64, f64) {
+        (self.braking_mps2.max(3.0), self.braking_jerk_mps3.max(6.0))
     }
 
     /// The tube (m) of a motion that accelerates by `acceleration_mps2` at most (m/s^2).
@@ -81,11 +119,16 @@ impl Tracking {
 #[cfg(test)]
 mod tests {
     use super::Tracking;
+    use crate::motion::stopping_distance_m;
+    use proptest::prelude::*;
 
     /// Acceleration asked for (m/s^2), corner cut (m).
     const CUTS: [(Tracking, &[(f64, f64)]); 3] = [
         (Tracking::PX4_TRAJECTORY, &[(0.0, 0.03), (1.2, 0.50), (1.8, 0.60)]),
-        (Tracking::PX4_OFFBOARD, &[(0.0, 0.04), (1.8, 0.31), (2.6, 0.33)]),
+        (
+            Tracking::PX4_OFFBOARD,
+            &[(0.0, 0.04), (2.6, 0.33), (4.6, 0.36), (4.7, 0.34)],
+        ),
         (
             Tracking::ARDUPILOT_GUIDED,
             &[(0.0, 0.03), (1.8, 0.12), (2.6, 0.18)],
@@ -94,7 +137,7 @@ mod tests {
     /// Deceleration asked for (m/s^2), overshoot (m).
     const OVERSHOOTS: [(Tracking, &[(f64, f64)]); 3] = [
         (Tracking::PX4_TRAJECTORY, &[(2.0, 0.93), (3.0, 1.37)]),
-        (Tracking::PX4_OFFBOARD, &[(2.0, 0.34), (4.0, 0.76)]),
+        (Tracking::PX4_OFFBOARD, &[(2.0, 0.34), (4.0, 0.76), (6.0, 0.81)]),
         (
             Tracking::ARDUPILOT_GUIDED,
             &[(2.0, 0.35), (3.0, 0.80), (4.0, 0.88)],
@@ -117,6 +160,22 @@ mod tests {
                     tracking.overshoot_m(*deceleration_mps2) >= *over_m,
                     "{tracking:?}: {over_m} m"
                 );
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_other_braking_stops_in_less(speed_mps in 0.1..12.0f64, share in 0.05..1.0f64) {
+            for (tracking, _) in CUTS {
+                let needed_m = |(a, j): (f64, f64)| {
+                    stopping_distance_m(speed_mps, 0.0, a, j) + tracking.overshoot_m(a)
+                };
+                let (best_mps2, _) = tracking.shortest_stop(speed_mps, (0.0, 0.0));
+                prop_assert!(best_mps2 <= tracking.braking_mps2);
+                let (jerk_mps3, other_mps2) = (tracking.braking_jerk_mps3, share * tracking.braking_mps2);
+                let best_m = needed_m((best_mps2, jerk_mps3));
+                prop_assert!(best_m <= needed_m((other_mps2, jerk_mps3)) + 1e-9);
             }
         }
     }

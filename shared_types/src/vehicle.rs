@@ -47,7 +47,7 @@ impl NavMode {
 crate::sample! {
     /// The vehicle as the autopilot estimates it; validity time in the header's `capture`.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct VehicleState: 176 {
+    pub struct VehicleState: 192 {
         /// Position of the centre of gravity.
         pub position: Point<LocalNed>,
         /// Velocity.

@@ -24,7 +24,9 @@ use crate::profile::{LegPiece, cut};
 use jink_shared_types::bezier::{QUINTIC, derivative, derivative_scalar, hull_keeps};
 use jink_shared_types::motion::{
     BezierPiece, CORRIDOR_POLYTOPES, MotionLimits, Polytope, Route, RouteMode, Trajectory, TrajectoryMode,
+    across,
 };
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::{Coded, Timestamp};
 use nalgebra::Vector3;
 
@@ -150,6 +152,8 @@ impl Generator {
                 duration_s: 0.0,
                 polytope: &route.corridor[0],
                 guide: Vector3::zeros(),
+                brakes: false,
+                across: None,
             }; PIECES_MAX];
             let count = specify(route, stretch, &mut specs);
             match self.solver.solve(
@@ -177,18 +181,24 @@ impl Generator {
         out: &mut Trajectory,
     ) -> Result<(), NoTrajectory> {
         let prefix = out.len;
-        let bounds = CertificateBounds::new(&route.limits, route.start.yaw_rate_radps);
+        let [going, braking] = [route.limits, route.limits.of_braking()]
+            .map(|limits| CertificateBounds::new(&limits, route.start.yaw_rate_radps));
         let mut heading =
             heading::HeadingProfile::new(&route.start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
         for (points, spec) in self.curves.iter().zip(specs) {
             let yaw_rad = heading.piece(points, spec.duration_s);
             let piece = BezierPiece::new(points, yaw_rad, spec.duration_s);
-            if !bounds.certify(&piece, spec.polytope) {
-                out.len = prefix;
-                return Err(NoTrajectory::NotCertified);
-            }
-            if !out.push(piece) {
+            let (bounds, fits) = match spec.brakes {
+                true => (&braking, out.push_braking(piece)),
+                false => (&going, out.push(piece)),
+            };
+            if !fits {
                 return Err(NoTrajectory::TooManyPieces);
+            }
+            let is_straight = !spec.brakes || piece.is_straight(route.limits.across_mps2(), &route.start);
+            if !is_straight || !bounds.certify(&piece, spec.polytope) {
+                out.truncate(prefix);
+                return Err(NoTrajectory::NotCertified);
             }
         }
         out.limits = route.limits;
@@ -214,7 +224,7 @@ fn prefix(
     if left_s < READY_BEFORE_S {
         return Err(NoTrajectory::Late { left_s });
     }
-    out.len = 0;
+    out.truncate(0);
     out.start = route.splice;
     if route.base_id == 0 {
         return Ok(());
@@ -263,7 +273,10 @@ fn append_stop(route: &Route, out: &mut Trajectory) -> Result<(), NoTrajectory> 
     if !route.has_stop.is_set() || !out.push(route.stop) {
         return Err(NoTrajectory::BadRoute);
     }
-    out.limits = route.limits.of_a_stop(route.start.velocity.vector().norm());
+    let tracking = route.tracking.known().unwrap_or(Tracking::PX4_TRAJECTORY);
+    out.limits = route
+        .limits
+        .of_a_stop(&tracking, route.start.velocity.vector().norm());
     out.mode = Coded::new(TrajectoryMode::Stop);
     if out.is_sound() {
         Ok(())
@@ -314,8 +327,13 @@ fn specify<'a>(route: &'a Route, stretch: f64, specs: &mut [PieceSpec<'a>; PIECE
             duration_s: piece.duration_s,
             polytope: &route.corridor[piece.leg],
             guide: piece.end,
+            brakes: piece.brakes,
+            across: across(&(vertices[piece.leg + 1] - vertices[piece.leg])).filter(|_| piece.brakes),
         };
     }
+    // A start that brakes harder than a plan lets go of the brake first.
+    specs[0].brakes |=
+        route.start.acceleration.vector().norm() > MotionLimits::allowed(route.limits.acceleration_mps2);
     count
 }
 
@@ -390,6 +408,8 @@ mod tests {
         yaw_rate_radps: 0.5,
         tube_m: 0.45,
         overshoot_m: 0.56,
+        braking_mps2: 1.2,
+        braking_jerk_mps3: 2.5,
     };
 
     fn now() -> Timestamp {

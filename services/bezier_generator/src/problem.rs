@@ -10,7 +10,8 @@
 //! ```
 //!
 //! all linear in the variables. Every control point lies in the piece's polytope, the control points of the derivatives
-//! lie in balls of the limits' size (second-order cones): by the hull property the whole curve then does. The end is at
+//! lie in balls of the limits' size (second-order cones): by the hull property the whole curve then does. A piece that
+//! brakes has larger balls, and half-spaces that bound its acceleration across the way. The end is at
 //! rest, its position is free and drawn to the target; so a target that is too far for the time given costs but does
 //! not make the problem infeasible.
 //!
@@ -32,6 +33,8 @@ const JERK_WEIGHT: f64 = 0.01;
 const GUIDE_WEIGHT: f64 = 0.05;
 /// Kept from every bound, so that the solver's tolerance never breaks it (metres, and share of a limit).
 const MARGIN: f64 = 1e-3;
+/// The same across the way of a piece that brakes: its own way differs from its guide's.
+const ACROSS_MARGIN: f64 = 0.1;
 /// The start may lie on a plane of its polytope, up to rounding (m).
 const ON_THE_PLANE_M: f64 = 1e-5;
 /// Bounds are posed as shares of their limits, so that all have the size of one; of smaller limits than this as shares
@@ -39,8 +42,9 @@ const ON_THE_PLANE_M: f64 = 1e-5;
 const UNIT_MIN: f64 = 1e-3;
 /// Forms of a piece that are kept somewhere: control points of position, velocity, acceleration and jerk.
 const FORMS: usize = 6 + 5 + 4 + 3;
-/// Most half-spaces of a piece: of its polytope for the control points, of climb and descent for those of the velocity.
-const ROWS: usize = 6 * POLYTOPE_PLANES + 2 * 5;
+/// Most half-spaces of a piece: of its polytope for the control points, of climb and descent for those of the velocity, across the way
+/// for those of the acceleration.
+const ROWS: usize = 6 * POLYTOPE_PLANES + 2 * 5 + 4 * 4;
 
 /// Gram matrix of the quadratic Bernstein polynomials on [0, 1].
 const GRAM: [[f64; 3]; 3] = [
@@ -58,6 +62,10 @@ pub struct PieceSpec<'a> {
     pub polytope: &'a Polytope,
     /// Where its end should be, with a small weight.
     pub guide: Vector3<f64>,
+    /// It may brake as hard as a stop.
+    pub brakes: bool,
+    /// The unit vectors across its way along which its acceleration is bounded then.
+    pub across: Option<[Vector3<f64>; 2]>,
 }
 
 /// Why there is no curve.
@@ -122,9 +130,9 @@ impl CurveSolver {
     ) -> Result<(), Infeasible> {
         let origin = start.position.vector();
         let speed_mps = MotionLimits::allowed(limits.speed_mps);
-        let acceleration_mps2 = MotionLimits::allowed(limits.acceleration_mps2);
+        let hardest_mps2 = MotionLimits::allowed(limits.acceleration_mps2.max(limits.braking_mps2));
         self.chain.restart(first_joint(start));
-        let (mut before_s, mut before) = (0.0, None);
+        let (mut before_s, mut before, mut braked) = (0.0, None, false);
         for (index, piece) in pieces.iter().enumerate() {
             let is_last = index + 1 == pieces.len();
             let t = piece.duration_s;
@@ -136,7 +144,7 @@ impl CurveSolver {
             let end = Joint {
                 free: if is_last { 3 } else { 9 },
                 value: [0.0; 9],
-                reach: [speed_mps * (before_s + t), speed_mps, acceleration_mps2],
+                reach: [speed_mps * (before_s + t), speed_mps, hardest_mps2],
                 pull: if is_last { TARGET_WEIGHT } else { GUIDE_WEIGHT },
                 place: place.into(),
             };
@@ -154,13 +162,23 @@ impl CurveSolver {
             for v in velocity.iter().skip(skipped) {
                 self.keep_slow(v, limits)?;
             }
+            let (most_mps2, most_mps3) = match piece.brakes {
+                true => (limits.braking_mps2, limits.braking_jerk_mps3),
+                false => (limits.acceleration_mps2, limits.jerk_mps3),
+            };
+            let skipped = usize::from(!is_first && piece.brakes == braked);
             for a in acceleration.iter().skip(skipped) {
-                self.keep_within(a, limits.acceleration_mps2)?;
+                self.keep_within(a, most_mps2)?;
+            }
+            if let Some(across) = &piece.across {
+                for a in &acceleration {
+                    self.keep_straight(a, across, limits.across_mps2());
+                }
             }
             for j in &jerk {
-                self.keep_within(j, limits.jerk_mps3)?;
+                self.keep_within(j, most_mps3)?;
             }
-            (before_s, before) = (before_s + t, Some(piece.polytope));
+            (before_s, before, braked) = (before_s + t, Some(piece.polytope), piece.brakes);
         }
         Ok(())
     }
@@ -231,6 +249,20 @@ impl CurveSolver {
         self.chain
             .keep(&form.map(|factor| factor / unit), std::iter::empty(), Some(bound));
         Ok(())
+    }
+
+    /// Within `limit` along both vectors. What the start fixes is as it is.
+    fn keep_straight(&mut self, form: &Factors, across: &[Vector3<f64>; 2], limit: f64) {
+        let (_, is_fixed) = self.chain.fixed_part(form);
+        if is_fixed {
+            return;
+        }
+        let unit = limit.max(UNIT_MIN);
+        let bound = limit * (1.0 - ACROSS_MARGIN) / unit;
+        let rows = across.iter().flat_map(|normal| {
+            [1.0, -1.0].map(|sign| [sign * normal.x, sign * normal.y, sign * normal.z, bound])
+        });
+        self.chain.keep(&form.map(|factor| factor / unit), rows, None);
     }
 
     /// Iterations that the last problem took whose start was feasible.

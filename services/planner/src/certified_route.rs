@@ -2,11 +2,12 @@
 
 use super::Planner;
 use crate::departure::Departure;
+use crate::guide::GuideLength;
 use crate::search::{PathEnd, SearchResult};
 use crate::speed_tiers::planned_mps;
 use crate::stops;
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::motion::{Route, RouteMode};
+use jink_shared_types::motion::{MotionLimits, Route, RouteMode};
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag};
 
@@ -33,9 +34,27 @@ impl Planner {
             &start,
             self.search.path(),
             (found.end == PathEnd::Goal).then_some(&goal),
-            GUIDE_MAX_M,
-            self.limits[tier].overshoot_m,
+            &self.guide_length(tier, departure),
         )
+    }
+
+    /// The lengths of a guide in `tier`.
+    pub(super) fn guide_length(&self, tier: usize, departure: &Departure) -> GuideLength {
+        let limits = self.limits_of(tier);
+        let speed_mps = departure.state.velocity.vector().norm();
+        GuideLength {
+            max_m: GUIDE_MAX_M,
+            margin_m: limits.overshoot_m,
+            stop_m: speed_mps * speed_mps / (2.0 * limits.acceleration_mps2),
+        }
+    }
+
+    /// The limits in `tier`.
+    fn limits_of(&self, tier: usize) -> &MotionLimits {
+        match self.space.narrow_tier() == Some(tier) {
+            true => &self.creep,
+            false => &self.limits[tier],
+        }
     }
 
     /// Writes a plan along the guide to the path that was found last into `route`; from rest, if what is certified of its
@@ -112,11 +131,10 @@ impl Planner {
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
-        route.limits = if self.space.narrow_tier() == Some(tier) {
-            self.creep
-        } else {
-            self.limits[tier]
-        };
+        route.limits = *self.limits_of(tier);
+        if !self.guide.has_margin() {
+            route.limits = route.limits.with_gentle_stop(&self.tracking);
+        }
         if desired.mission_speed_mps.is_finite() {
             route.limits.speed_mps = route
                 .limits

@@ -2,13 +2,10 @@
 
 use crate::committed_trajectory::is_flown;
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::motion::{MotionState, Trajectory};
+use jink_shared_types::motion::{MotionState, SPLICE_LEAD_S, Trajectory};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Stamped, Timestamp};
 
-/// How far ahead a new plan departs from the committed one (s): planner, generator, guard and the transport between
-/// them take some 10 ms; 100 ms leave time for a restart of any of them.
-pub const SPLICE_LEAD_S: f64 = 0.10;
 /// A vehicle without a plan that is faster than this is in motion (m/s): below, its stopping distance stays within the
 /// tube.
 pub(super) const MOVING_MPS: f64 = 0.5;

@@ -11,6 +11,7 @@ use crate::stops;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events;
 use jink_shared_types::motion::{BezierPiece, MotionLimits, MotionState, Route, Trajectory};
+use jink_shared_types::tracking::Tracking;
 use nalgebra::Vector3;
 
 /// Time between two predicted moments that plans keep out of (s).
@@ -109,7 +110,7 @@ impl Planner {
         self.hide_moving();
         let fastest_mps = self.limits[self.top_tier].speed_mps;
         let mut best: Option<(f64, usize, BezierPiece)> = None;
-        for piece in evasions(&departure.state, fastest_mps) {
+        for piece in evasions(&departure.state, &self.tracking, fastest_mps) {
             let nearest_m = self
                 .moving
                 .nearest_m(departure.splice, EVADED_S, above_m, |ahead_s| {
@@ -163,8 +164,12 @@ impl Planner {
 }
 
 /// Motions to rest beside the place where a vehicle in `start` would stop, the shortest first.
-fn evasions(start: &MotionState, fastest_mps: f64) -> impl Iterator<Item = BezierPiece> {
-    let stop = stops::stop(start, stops::HARDEST_MPS2, 0.0);
+fn evasions(
+    start: &MotionState,
+    tracking: &Tracking,
+    fastest_mps: f64,
+) -> impl Iterator<Item = BezierPiece> + use<> {
+    let stop = stops::hardest(start, tracking);
     let stopped = stop.at(stop.duration_s).position.vector();
     let beside = BESIDE_M.into_iter().flat_map(move |away_m| {
         (0..DIRECTIONS).map(move |direction| {

@@ -191,6 +191,7 @@ impl Following {
         Tracking {
             cut_s2: cut_s2.unwrap_or(0.0),
             overshoot_s2: self.worst_s2[1],
+            ..Tracking::default()
         }
     }
 }

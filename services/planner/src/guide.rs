@@ -17,11 +17,24 @@ const STRAIGHT_M: f64 = 0.25;
 /// Legs shorter than this are rounding errors (m).
 const NEGLIGIBLE_M: f64 = 1e-3;
 
+/// How long a guide may be, and what it needs at its end.
+#[derive(Clone, Copy, Debug)]
+pub struct GuideLength {
+    /// The longest (m).
+    pub max_m: f64,
+    /// What stays safe behind its end (m), which the vehicle runs past the end of a stop; a guide that ends where its path
+    /// does needs none, because the stop there is gentle.
+    pub margin_m: f64,
+    /// The length (m) in which a gentle stop is possible.
+    pub stop_m: f64,
+}
+
 /// The straight legs of a path, first vertex = its start.
 #[derive(Clone, Debug)]
 pub struct Guide {
     vertices: Vec<Vector3<f64>>,
     points: Vec<Vector3<f64>>,
+    has_margin: bool,
 }
 
 impl Default for Guide {
@@ -29,6 +42,7 @@ impl Default for Guide {
         Self {
             vertices: Vec::with_capacity(64),
             points: Vec::with_capacity(4096),
+            has_margin: false,
         }
     }
 }
@@ -39,14 +53,19 @@ impl Guide {
         &self.vertices
     }
 
+    /// Whether its path is safe behind its end, for the margin that was asked for.
+    pub fn has_margin(&self) -> bool {
+        self.has_margin
+    }
+
     /// Total length (m).
     pub fn length_m(&self) -> f64 {
         length_m(&self.vertices)
     }
 
-    /// Builds the guide from `start` along `path` (the first cell holds `start`) as far as it is safe in `tier`, at
-    /// most `length_max_m`, and `margin_m` short of where it stops being safe. `goal` replaces the last cell's centre
-    /// if the path ends in its cell. Returns whether the goal itself is the end.
+    /// Builds the guide from `start` along `path` (the first cell holds `start`) as far as it is safe in `tier`, and the
+    /// margin of `length` short of where it stops being safe. `goal` replaces the last cell's centre if the path ends in
+    /// its cell. Returns whether the goal itself is the end.
     pub fn build(
         &mut self,
         space: &ConfigurationSpace,
@@ -54,13 +73,13 @@ impl Guide {
         start: &Vector3<f64>,
         path: &Path,
         goal: Option<&Vector3<f64>>,
-        length_max_m: f64,
-        margin_m: f64,
+        length: &GuideLength,
     ) -> bool {
         let reaches_end = self.safe_points(space, tier, start, path, goal);
         let whole_m = length_m(&self.points);
-        let at_goal = goal.is_some() && reaches_end && whole_m <= length_max_m;
-        let wanted_m = (whole_m - margin_m).min(length_max_m);
+        let at_goal = goal.is_some() && reaches_end && (length.stop_m..=length.max_m).contains(&whole_m);
+        let wanted_m = (whole_m - length.margin_m).min(length.max_m);
+        self.has_margin = !at_goal;
         if !at_goal {
             cut_to(&mut self.points, wanted_m);
         }
@@ -85,6 +104,7 @@ impl Guide {
     ) -> bool {
         let reaches_end = self.safe_points(space, tier, start, path, goal);
         let at_goal = goal.is_some() && reaches_end && self.points.len() <= CORRIDOR_POLYTOPES + 1;
+        self.has_margin = !reaches_end;
         if !reaches_end {
             let wanted_m = length_m(&self.points) - margin_m;
             cut_to(&mut self.points, wanted_m);
@@ -108,6 +128,7 @@ impl Guide {
         let is_safe = self.safe_part(space, tier, way);
         let whole_m = length_m(&self.points);
         let at_end = is_safe && whole_m <= length_max_m;
+        self.has_margin = !at_end;
         if !at_end {
             // A proposed path that is longer than a guide may not be safe beyond its end either.
             let safe_m = if is_safe { whole_m } else { whole_m - margin_m };
@@ -271,12 +292,18 @@ fn cut_to(points: &mut Vec<Vector3<f64>>, length_m: f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::Guide;
+    use super::{Guide, GuideLength};
     use crate::configuration_space::tests::{known_map, space_of};
     use crate::corridor::CorridorBuilder;
     use crate::search::{Search, SearchQuery};
     use jink_shared_types::map::{center_of, clear};
     use nalgebra::Vector3;
+
+    const LENGTH: GuideLength = GuideLength {
+        max_m: 20.0,
+        margin_m: 0.5,
+        stop_m: 0.0,
+    };
 
     #[test]
     fn a_guide_is_safe_taut_and_stops_short_of_the_unknown() {
@@ -306,7 +333,7 @@ mod tests {
         search.run(&space, &query).unwrap();
         let mut guide = Guide::default();
         let start = center_of([0, 0, 0]).vector();
-        let at_goal = guide.build(&space, 1, &start, search.path(), None, 20.0, 0.5);
+        let at_goal = guide.build(&space, 1, &start, search.path(), None, &LENGTH);
         assert!(!at_goal);
         let vertices = guide.vertices();
         assert!((2..9).contains(&vertices.len()), "{vertices:?}");
@@ -379,7 +406,7 @@ mod tests {
             let [start, goal] = [query.start, query.goal].map(|cell| center_of(cell).vector());
             let mut guide = Guide::default();
             assert!(
-                guide.build(&space, 1, &start, search.path(), Some(&goal), 20.0, 0.5),
+                guide.build(&space, 1, &start, search.path(), Some(&goal), &LENGTH),
                 "left: {is_left}"
             );
         }
@@ -400,7 +427,7 @@ mod tests {
         search.run(&space, &query).unwrap();
         let mut guide = Guide::default();
         let start = Vector3::new(0.1, 0.1, 0.1);
-        assert!(guide.build(&space, 0, &start, search.path(), Some(&goal), 20.0, 0.5));
+        assert!(guide.build(&space, 0, &start, search.path(), Some(&goal), &LENGTH));
         assert_eq!(*guide.vertices().last().unwrap(), goal);
     }
 }

@@ -1,7 +1,6 @@
 //! How a plan is made: along the best path over the speed tiers, else out of a narrow place, else to a viewpoint.
 
 use super::Planner;
-use crate::certified_route::GUIDE_MAX_M;
 use crate::departure::Departure;
 use crate::path_choice::{DEAD_END_S, PathChoice, is_near_enough};
 use crate::progress::Obstruction;
@@ -261,8 +260,7 @@ impl Planner {
             &start,
             self.search.path(),
             Some(&self.space.center_of(tier, end)),
-            GUIDE_MAX_M,
-            self.creep.overshoot_m,
+            &self.guide_length(tier, departure),
         );
         self.write_plan(tier, departure, desired, false, route)
     }

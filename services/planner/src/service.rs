@@ -101,7 +101,10 @@ impl Service for PlannerService {
         }
         if let Some(learned) = self.planner.learned(now) {
             self.keep(now, &learned);
-            let tracking = self.planner.tracking().looser(learned);
+            let tracking = self
+                .planner
+                .tracking()
+                .looser(learned.cut_s2, learned.overshoot_s2);
             tracing::info!(
                 "follows less closely than was known: cuts corners {:.3} s2, overshoots {:.3} s2",
                 tracking.cut_s2,

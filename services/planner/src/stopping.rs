@@ -69,7 +69,7 @@ impl Planner {
                 self.loss_reported_at = now;
                 (
                     self.limits[LAST_TIER],
-                    stops::stop(&departure.state, stops::HARDEST_MPS2, 0.0),
+                    stops::hardest(&departure.state, &self.tracking),
                 )
             }
         };

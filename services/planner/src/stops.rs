@@ -6,18 +6,17 @@
 
 use crate::configuration_space::ConfigurationSpace;
 use jink_shared_types::bezier::{End, QUINTIC, derivative, evaluate, quintic_between};
-use jink_shared_types::motion::{BezierPiece, MotionState, STOP_JERK_MPS3};
+use jink_shared_types::motion::{BezierPiece, MotionState, STOP_JERK};
 use jink_shared_types::tracking::Tracking;
 use nalgebra::{Rotation3, Vector3};
 
-/// Jerk that braking may use (m/s3): PX4's MPC_JERK_MAX is 8.
-const JERK_MPS3: f64 = 6.0;
-/// Hardest braking (m/s2): PX4's MPC_ACC_HOR.
-pub const HARDEST_MPS2: f64 = 3.0;
-/// Decelerations tried, gentle first (m/s2).
-const DECELERATIONS_MPS2: [f64; 4] = [1.2, 1.8, 2.4, HARDEST_MPS2];
-/// Deceleration of a stop that is to be short (m/s2): from 3 m/s in 3.8 m; measured overshoots are known up to 3 m/s2.
-pub const BRISK_MPS2: f64 = 1.8;
+/// Decelerations tried, gentle first: shares of the hardest braking.
+const DECELERATIONS: [f64; 4] = [0.4, 0.6, 0.8, 1.0];
+/// Deceleration of a stop that is to be short, the same: with 3 m/s2 from 3 m/s in 3.8 m.
+const BRISK: f64 = 0.6;
+/// Hardest acceleration (m/s2) and jerk (m/s3) of a motion aside, however hard the autopilot brakes: PX4's MPC_ACC_HOR.
+const ASIDE_MPS2: f64 = 3.0;
+const ASIDE_JERK_MPS3: f64 = 12.0;
 /// Changes of direction tried (degrees), straight first.
 const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
 /// Points checked along a stop.
@@ -32,22 +31,25 @@ const ASIDE_SHARE: f64 = 0.95;
 /// Points at which it is compared with its limits.
 const SAMPLES_OF_LIMITS: u32 = 12;
 
-/// The stop from `start` with peak deceleration `deceleration_mps2`, its end turned by `turn_rad` about the vertical.
-pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> BezierPiece {
+/// The stop from `start` with peak deceleration `deceleration_mps2`, its end turned by `turn_rad` about the vertical, of a
+/// vehicle that follows as `tracking` says.
+pub fn stop(start: &MotionState, tracking: &Tracking, deceleration_mps2: f64, turn_rad: f64) -> BezierPiece {
     /// Shortest stop; a duration of zero would divide by zero.
     const SHORTEST_S: f64 = 0.3;
     let velocity = start.velocity.vector();
     let speed = velocity.norm();
     let acceleration = start.acceleration.vector().norm();
+    let (_, jerk_mps3) = tracking.hardest_stop();
+    let most_mps3 = STOP_JERK * jerk_mps3;
     // The jerk begins with `turning v / T^2 - 4 a / T`, and a turn needs much: no guard would accept it from a slow
     // flight.
     let turning = (30.0 * turn_rad.cos() - 36.0).hypot(30.0 * turn_rad.sin()) * speed;
     let turned_s = (4.0 * acceleration
-        + (16.0 * acceleration * acceleration + 4.0 * STOP_JERK_MPS3 * turning).sqrt())
-        / (2.0 * STOP_JERK_MPS3);
+        + (16.0 * acceleration * acceleration + 4.0 * most_mps3 * turning).sqrt())
+        / (2.0 * most_mps3);
     let duration_s = (1.5 * speed / deceleration_mps2)
-        .max((6.0 * speed / JERK_MPS3).sqrt())
-        .max((2.0 * acceleration / JERK_MPS3).max(SHORTEST_S))
+        .max((6.0 * speed / jerk_mps3).sqrt())
+        .max((2.0 * acceleration / jerk_mps3).max(SHORTEST_S))
         .max(turned_s);
     let ahead = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad) * velocity * (0.5 * duration_s);
     // What the initial acceleration adds while it decays: the quintic's own share of it over one duration.
@@ -80,6 +82,11 @@ fn yaw_state(yaw_rad: f64, rate_radps: f64) -> End {
     }
 }
 
+/// The hardest straight stop from `start`.
+pub fn hardest(start: &MotionState, tracking: &Tracking) -> BezierPiece {
+    stop(start, tracking, tracking.hardest_stop().0, 0.0)
+}
+
 /// The first stop of the family, gentle and straight first, all of whose cells are safe in `tier`, and those that the
 /// vehicle runs past its end; if there is none, the first that is safe up to its end.
 pub fn certified(
@@ -89,9 +96,15 @@ pub fn certified(
     start: &MotionState,
 ) -> Option<BezierPiece> {
     let mut without_overshoot = None;
-    for deceleration_mps2 in DECELERATIONS_MPS2 {
+    let (straight_mps2, _) = tracking.hardest_stop();
+    for share in DECELERATIONS {
         for turn_deg in TURNS_DEG {
-            let piece = stop(start, deceleration_mps2, turn_deg.to_radians());
+            let hardest_mps2 = match turn_deg == 0.0 {
+                true => straight_mps2,
+                false => straight_mps2.min(ASIDE_MPS2),
+            };
+            let deceleration_mps2 = share * hardest_mps2;
+            let piece = stop(start, tracking, deceleration_mps2, turn_deg.to_radians());
             if !is_safe(space, tier, &piece) {
                 continue;
             }
@@ -122,8 +135,8 @@ pub fn to_rest_at(start: &MotionState, place: &Vector3<f64>, fastest_mps: f64) -
         let within = |value: Vector3<f64>, most: f64| value.norm() <= most;
         let keeps = (0..=SAMPLES_OF_LIMITS).all(|i| {
             let u = f64::from(i) / f64::from(SAMPLES_OF_LIMITS);
-            within(evaluate(&jerk, u), ASIDE_SHARE * STOP_JERK_MPS3)
-                && within(evaluate(&acceleration, u), HARDEST_MPS2)
+            within(evaluate(&jerk, u), ASIDE_SHARE * ASIDE_JERK_MPS3)
+                && within(evaluate(&acceleration, u), ASIDE_MPS2)
                 && within(evaluate(&velocity, u), fastest_mps)
         });
         if keeps {
@@ -146,9 +159,10 @@ pub fn brisk(
     tier: usize,
     start: &MotionState,
 ) -> Option<BezierPiece> {
-    let piece = stop(start, BRISK_MPS2, 0.0);
+    let brisk_mps2 = BRISK * tracking.hardest_stop().0;
+    let piece = stop(start, tracking, brisk_mps2, 0.0);
     let fits = is_safe(space, tier, &piece)
-        && has_room_behind(space, tier, &piece, tracking.overshoot_m(BRISK_MPS2));
+        && has_room_behind(space, tier, &piece, tracking.overshoot_m(brisk_mps2));
     fits.then_some(piece)
         .or_else(|| certified(space, tracking, tier, start))
 }
@@ -176,7 +190,7 @@ pub fn is_safe(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece) -> 
 
 #[cfg(test)]
 mod tests {
-    use super::{HARDEST_MPS2, brisk, certified, stop};
+    use super::{brisk, certified, hardest, stop};
     use crate::configuration_space::tests::{known_map, space_of};
     use crate::speed_tiers::speed_tiers;
     use jink_shared_types::bezier::{derivative, evaluate};
@@ -198,15 +212,16 @@ mod tests {
         #[test]
         fn a_stop_out_of_a_plan_keeps_the_limits_of_a_stop(
             v in proptest::array::uniform3(-1.7..1.7f64), a in proptest::array::uniform3(-0.6..0.6f64),
-            deceleration in 1.2..HARDEST_MPS2, turn_deg in -50.0..50.0f64,
+            deceleration in 1.2..3.0f64, turn_deg in -50.0..50.0f64,
         ) {
             let start = MotionState {
                 velocity: Velocity::new(v[0], v[1], v[2]),
                 acceleration: Acceleration::new(a[0], a[1], a[2]),
                 ..MotionState::default()
             };
-            let limits = speed_tiers(&ParamSet::default(), &Tracking::PX4_TRAJECTORY)[0].of_a_stop(Vector3::from(v).norm());
-            let piece = stop(&start, deceleration, turn_deg.to_radians());
+            let tracking = Tracking::PX4_TRAJECTORY;
+            let limits = speed_tiers(&ParamSet::default(), &tracking)[0].of_a_stop(&tracking, Vector3::from(v).norm());
+            let piece = stop(&start, &tracking, deceleration, turn_deg.to_radians());
             let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
             let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
             let jerk: [_; 3] = derivative(&acceleration, piece.duration_s);
@@ -228,7 +243,7 @@ mod tests {
                 acceleration: Acceleration::new(a[0], a[1], a[2]),
                 ..MotionState::default()
             };
-            let piece = stop(&start, deceleration, 0.0);
+            let piece = stop(&start, &Tracking::PX4_TRAJECTORY, deceleration, 0.0);
             let first = piece.at(0.0);
             prop_assert!((first.velocity.vector() - start.velocity.vector()).norm() < 1e-6);
             prop_assert!((first.acceleration.vector() - start.acceleration.vector()).norm() < 1e-6);
@@ -286,7 +301,7 @@ mod tests {
 
     #[test]
     fn the_hardest_stop_from_three_metres_per_second_is_short() {
-        let end = stop(&moving(3.0), HARDEST_MPS2, 0.0).at(10.0).position;
+        let end = hardest(&moving(3.0), &Tracking::PX4_TRAJECTORY).at(10.0).position;
         assert!(end.vector().x < 3.0 && end != Point::ZERO);
     }
 }

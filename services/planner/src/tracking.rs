@@ -22,10 +22,9 @@ impl Planner {
         let Some(profile) = self.profile_tracking else {
             return;
         };
-        let tracking = profile.looser(Tracking {
-            cut_s2: self.params.get(&params::OA_TRK_CUT),
-            overshoot_s2: self.params.get(&params::OA_TRK_OVER),
-        });
+        let [cut_s2, overshoot_s2] =
+            [&params::OA_TRK_CUT, &params::OA_TRK_OVER].map(|figure| self.params.get(figure));
+        let tracking = profile.looser(cut_s2, overshoot_s2);
         if tracking != self.tracking {
             self.tracking = tracking;
             self.update_limits();
@@ -66,6 +65,7 @@ impl Planner {
                 self.tracking.overshoot_s2,
                 params::OA_TRK_OVER.max,
             ),
+            ..Tracking::default()
         };
         (kept != Tracking::default()).then(|| {
             self.learned_after = now.plus_seconds(LEARNED_EVERY_S);

@@ -1,7 +1,6 @@
 //! Motions to viewpoints, where no plan is found because the path has not been seen.
 
 use super::Planner;
-use crate::certified_route::GUIDE_MAX_M;
 use crate::departure::Departure;
 use crate::speed_tiers::{CRAWL_TIER, LAST_TIER};
 use crate::viewpoints::{DWELL_S, REACH_M, Viewpoint};
@@ -156,8 +155,7 @@ impl Planner {
             &departure.state.position.vector(),
             self.search.path(),
             Some(&self.space.center_of(tier, viewpoint.cell)),
-            GUIDE_MAX_M,
-            self.limits[tier].overshoot_m,
+            &self.guide_length(tier, departure),
         );
         if let HeadingCheck::Turn(heading_rad) = self.check_heading(departure) {
             self.viewpoints.record_turn(route.id, time);

@@ -67,6 +67,6 @@ mod tests {
         cloud[offset_of!(PointCloud, len)..][..4].copy_from_slice(&3u32.to_le_bytes());
         assert_eq!(layout.used_bytes(&cloud), offset_of!(PointCloud, points) + 3 * 16);
         assert_eq!(layout.used_bytes(&[]), 0);
-        assert_eq!(Layout::of(&VEHICLE_STATE.row).used_bytes(&[1; 176]), 176);
+        assert_eq!(Layout::of(&VEHICLE_STATE.row).used_bytes(&[1; 192]), 192);
     }
 }

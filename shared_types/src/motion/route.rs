@@ -27,7 +27,7 @@ crate::wire_enum! {
 crate::sample! {
     /// The planner's result: guide, corridor, limits, and a stop.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct Route: 7456 {
+    pub struct Route: 7488 {
         /// Counts routes; the high half is the planner's generation.
         pub id: u64,
         /// The trajectory this route departs from; 0 = from rest where the vehicle is.

@@ -22,7 +22,7 @@ crate::wire_enum! {
 crate::sample! {
     /// Bezier pieces with a start time, ending at rest.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct Trajectory: 4120 {
+    pub struct Trajectory: 4136 {
         /// Identity; unique over restarts: the high half is the maker's generation.
         pub id: u64,
         /// The trajectory it departs from; 0 = from rest.
@@ -45,8 +45,10 @@ crate::sample! {
         pub reserved: Reserved<1>,
         /// Pieces in use.
         pub len: u32,
+        /// Bit `i` is set: piece `i` brakes, and keeps the limits for that.
+        pub braking: u32,
         /// Room for later fields, zero.
-        pub reserved2: Reserved<8>,
+        pub reserved2: Reserved<4>,
         /// The pieces.
         pub pieces: [BezierPiece; TRAJECTORY_PIECES],
     }
@@ -69,6 +71,27 @@ impl Trajectory {
             }
             None => false,
         }
+    }
+
+    /// Appends a piece that brakes; `false` if there is no room left.
+    pub fn push_braking(&mut self, piece: BezierPiece) -> bool {
+        let bit = 1u32.checked_shl(self.len).unwrap_or_default();
+        let fits = self.push(piece);
+        if fits {
+            self.braking |= bit;
+        }
+        fits
+    }
+
+    /// Drops all pieces but the first `len`.
+    pub fn truncate(&mut self, len: u32) {
+        self.len = self.len.min(len);
+        self.braking &= !u32::MAX.checked_shl(len).unwrap_or_default();
+    }
+
+    /// Whether the piece of that number brakes.
+    pub fn is_braking(&self, piece: usize) -> bool {
+        piece < TRAJECTORY_PIECES && self.braking >> piece & 1 == 1
     }
 
     /// Total duration (s).
@@ -100,7 +123,7 @@ impl Trajectory {
     pub fn take_prefix(&mut self, base: &Self, from: Timestamp, until: Timestamp) -> bool {
         /// A cut piece shorter than this is a rounding error: its derivatives would be noise.
         const DUST_S: f64 = 1e-4;
-        self.len = 0;
+        self.truncate(0);
         self.start = from;
         let first_s = from.seconds_since(base.start);
         let last_s = until.seconds_since(base.start);
@@ -123,7 +146,7 @@ impl Trajectory {
                     part = part.split(last_s - part_start_s).0;
                 }
                 if !self.push(part) {
-                    self.len = 0;
+                    self.truncate(0);
                     return false;
                 }
             }
@@ -187,7 +210,7 @@ crate::wire_enum! {
 crate::sample! {
     /// The trajectory that the guard approves.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct ApprovedTrajectory: 4144 {
+    pub struct ApprovedTrajectory: 4160 {
         /// The trajectory.
         pub trajectory: Trajectory,
         /// Distance left to the first conflict the guard sees (m); infinity if none.

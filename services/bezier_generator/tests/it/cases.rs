@@ -24,6 +24,8 @@ const LIMITS: MotionLimits = MotionLimits {
     yaw_rate_radps: 0.5,
     tube_m: 0.45,
     overshoot_m: 0.56,
+    braking_mps2: 1.2,
+    braking_jerk_mps3: 2.5,
 };
 
 /// What kind of problem.
@@ -124,6 +126,8 @@ impl Case {
             duration_s: piece.duration_s,
             polytope: &self.corridor[piece.leg],
             guide: piece.end,
+            brakes: false,
+            across: None,
         };
         self.pieces.iter().map(spec).collect()
     }
@@ -164,6 +168,8 @@ fn limits(random: &mut SplitMix64) -> MotionLimits {
         descent_mps: random.random_range(0.3..2.0),
         acceleration_mps2,
         jerk_mps3: acceleration_mps2 * random.random_range(1.0..4.0),
+        braking_mps2: 0.0,
+        braking_jerk_mps3: 0.0,
         ..LIMITS
     }
 }

@@ -99,6 +99,8 @@ fn are_plausible(limits: &MotionLimits) -> bool {
         && positive(limits.descent_mps, PLAUSIBLE_SPEED_MPS)
         && positive(limits.acceleration_mps2, PLAUSIBLE_ACCELERATION_MPS2)
         && positive(limits.jerk_mps3, PLAUSIBLE_JERK_MPS3)
+        && (0.0..=PLAUSIBLE_ACCELERATION_MPS2).contains(&limits.braking_mps2)
+        && (0.0..=PLAUSIBLE_JERK_MPS3).contains(&limits.braking_jerk_mps3)
         && (0.0..=PLAUSIBLE_YAW_RATE_RADPS).contains(&limits.yaw_rate_radps)
 }
 
@@ -110,9 +112,10 @@ fn keeps_its_limits(candidate: &Trajectory) -> bool {
     let Some(start) = candidate.at(candidate.start.plus_seconds(skip_s)) else {
         return false;
     };
-    let bounds = AdmissionBounds::new(&candidate.limits, &start);
+    let limits = &candidate.limits;
+    let [going, braking] = [*limits, limits.of_braking()].map(|limits| AdmissionBounds::new(&limits, &start));
     let mut piece_start_s = 0.0;
-    for piece in candidate.pieces() {
+    for (number, piece) in candidate.pieces().iter().enumerate() {
         let cut_s = skip_s - piece_start_s;
         piece_start_s += piece.duration_s;
         if cut_s > piece.duration_s - NEGLIGIBLE_S {
@@ -123,7 +126,11 @@ fn keeps_its_limits(candidate: &Trajectory) -> bool {
         } else {
             *piece
         };
-        if !bounds.hold_for(&after) {
+        let is_kept = match candidate.is_braking(number) {
+            true => braking.hold_for(&after) && after.is_straight(limits.across_mps2(), &start),
+            false => going.hold_for(&after),
+        };
+        if !is_kept {
             return false;
         }
     }
@@ -174,10 +181,12 @@ impl AdmissionBounds {
 mod tests {
     use super::examine;
     use jink_shared_types::Timestamp;
+    use jink_shared_types::bezier::{End, quintic_between};
     use jink_shared_types::motion::{
         BezierPiece, GuardReason, LIMIT_SLACK, LIMIT_TOLERANCE, MotionLimits, Trajectory,
     };
     use jink_testkit::motions::{extremes, hop, limits_of};
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     fn examined(pieces: &[BezierPiece], limits: MotionLimits) -> Result<(), GuardReason> {
@@ -189,6 +198,58 @@ mod tests {
         };
         assert!(pieces.iter().all(|piece| trajectory.push(*piece)));
         examine(&trajectory)
+    }
+
+    /// A stop from 4 m/s with 6 m/s2, along x, its end `aside_m` beside that.
+    fn stop(aside_m: f64) -> BezierPiece {
+        let start = End {
+            position: Vector3::zeros(),
+            velocity: Vector3::new(4.0, 0.0, 0.0),
+            acceleration: Vector3::zeros(),
+        };
+        let end = End {
+            position: Vector3::new(2.0, aside_m, 0.0),
+            velocity: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
+        };
+        BezierPiece::new(&quintic_between(&start, &end, 1.0), [0.0; 6], 1.0)
+    }
+
+    #[test]
+    fn only_a_piece_that_brakes_may_brake_hard_and_only_straight_on() {
+        let limits = MotionLimits {
+            speed_mps: 5.0,
+            climb_mps: 1.0,
+            descent_mps: 1.0,
+            acceleration_mps2: 2.5,
+            jerk_mps3: 10.0,
+            yaw_rate_radps: 1.0,
+            braking_mps2: 7.0,
+            braking_jerk_mps3: 30.0,
+            ..MotionLimits::default()
+        };
+        let judged = |aside_m: f64, brakes: bool, limits: MotionLimits| {
+            let mut trajectory = Trajectory {
+                id: 1,
+                start: Timestamp::from_seconds(100.0),
+                limits,
+                ..Trajectory::default()
+            };
+            let fits = match brakes {
+                true => trajectory.push_braking(stop(aside_m)),
+                false => trajectory.push(stop(aside_m)),
+            };
+            assert!(fits);
+            examine(&trajectory)
+        };
+        assert_eq!(judged(0.0, true, limits), Ok(()));
+        assert_eq!(judged(0.0, false, limits), Err(GuardReason::Unsound));
+        assert_eq!(judged(0.7, true, limits), Err(GuardReason::Unsound));
+        let softer = MotionLimits {
+            braking_mps2: 5.0,
+            ..limits
+        };
+        assert_eq!(judged(0.0, true, softer), Err(GuardReason::Unsound));
     }
 
     proptest! {

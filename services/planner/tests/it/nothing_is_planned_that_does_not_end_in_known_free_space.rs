@@ -112,7 +112,7 @@ fn a_vehicle_that_nobody_has_planned_for_is_taken_over_as_it_moves() {
     let (planned, _) = taken_over(2.0, &to(8.0, 0.0));
     assert_eq!((planned.mode.get(), planned.base_id), (RouteMode::Plan, 0));
     assert_eq!(planned.start.velocity.vector().x, 2.0);
-    let ahead_m = 2.0 * jink_planner::SPLICE_LEAD_S;
+    let ahead_m = 2.0 * jink_shared_types::motion::SPLICE_LEAD_S;
     assert!((planned.start.position.x_m - ahead_m).abs() < 1e-9);
     assert!(planned.must_leave.is_set(), "if no curve is found it is stopped");
 

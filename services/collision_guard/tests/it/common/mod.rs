@@ -268,6 +268,8 @@ pub fn limits() -> MotionLimits {
         yaw_rate_radps: 2.0,
         tube_m: 0.2,
         overshoot_m: 0.2,
+        braking_mps2: 4.0,
+        braking_jerk_mps3: 12.0,
     }
 }
 
