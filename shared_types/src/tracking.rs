@@ -38,15 +38,16 @@ impl Tracking {
     pub const PX4_TRAJECTORY: Self = Self {
         cut_s2: 0.41,
         overshoot_s2: 0.47,
-        // Harder than this it brakes in a way of its own.
+        // A quarter more than plans accelerate with; beyond half of MPC_ACC_HOR (3) PX4 brakes in a way of its own.
         braking_mps2: 1.3,
         braking_jerk_mps3: 3.2,
     };
 
     /// PX4 in OFFBOARD, with positions, velocities and accelerations 50 times a second. Measured: 0.26 m at 1.8 m/s^2,
     /// 0.33 m at 2.6 m/s^2 (PX4 of 2021); with velocity and acceleration sent early, as the gateway does, 0.20 m at 2.6 m/s^2
-    /// and 0.34 m at 4.7 m/s^2, in forests at up to 7.5 m/s 0.36 m with up to 4.6 m/s^2 across (current PX4). Stops: 0.34 m
-    /// past their end at 2 m/s^2, 0.76 m at 4 m/s^2, 0.81 m at 6 m/s^2 from 8 m/s: OFFBOARD has no limit of acceleration but the tilt (MPC_TILTMAX_AIR, 45 degrees: 9.8 m/s^2).
+    /// and 0.34 m at 4.7 m/s^2; in forests at up to 7.6 m/s, braked with 6 m/s^2 and 20 m/s^3, 0.42 m in a flight with up to
+    /// 3.4 m/s^2 across and 0.36 m in one with 4.6 (current PX4). Stops: 0.34 m past their end at 2 m/s^2, 0.76 m at 4 m/s^2,
+    /// 0.81 m at 6 m/s^2 from 8 m/s: OFFBOARD has no limit of acceleration but the tilt (MPC_TILTMAX_AIR, 45 degrees: 9.8 m/s^2).
     pub const PX4_OFFBOARD: Self = Self {
         cut_s2: 0.11,
         overshoot_s2: 0.20,
@@ -59,7 +60,7 @@ impl Tracking {
     pub const ARDUPILOT_GUIDED: Self = Self {
         cut_s2: 0.10,
         overshoot_s2: 0.27,
-        // Stops of 4 m/s^2 ran no farther, but it corrects with 2.5 at most (WPNAV_ACCEL).
+        // Measured up to 4, but it corrects with 2.5 at most (WPNAV_ACCEL).
         braking_mps2: 3.0,
         braking_jerk_mps3: 6.0,
     };
@@ -127,7 +128,7 @@ mod tests {
         (Tracking::PX4_TRAJECTORY, &[(0.0, 0.03), (1.2, 0.50), (1.8, 0.60)]),
         (
             Tracking::PX4_OFFBOARD,
-            &[(0.0, 0.04), (2.6, 0.33), (4.6, 0.36), (4.7, 0.34)],
+            &[(0.0, 0.04), (2.6, 0.33), (3.4, 0.42), (4.6, 0.36), (4.7, 0.34)],
         ),
         (
             Tracking::ARDUPILOT_GUIDED,

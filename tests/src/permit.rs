@@ -38,8 +38,9 @@ const WATCHED: Duration = Duration::from_millis(500);
 /// Less than this share of one processor unused is a machine whose processors are all asked for.
 const UNUSED_MIN: f64 = 0.1;
 
-/// How much of the machine nobody used, watched over [`WATCHED`] and longer.
+/// Processor time that no program used, watched over [`WATCHED`] and longer.
 struct Unused {
+    /// When the watch began, and the idle time of all processors then (1/100 s).
     since: Option<(Instant, u64)>,
     is_none_left: bool,
 }
@@ -128,7 +129,7 @@ fn running() -> MutexGuard<'static, Running> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Looks again after a while, too: what other programs leave changes without a word.
+/// The condition is tried again after a while, too: what other programs leave changes without a notification.
 fn wait_until(may_run: impl Fn(&Running) -> bool) -> MutexGuard<'static, Running> {
     let mut now = running();
     while !may_run(&now) {

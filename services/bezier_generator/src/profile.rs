@@ -3,7 +3,7 @@
 //! Speeds at the vertices are limited by the turn there, by braking to rest at the end and by what can be reached from
 //! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. Its acceleration is the
 //! mean one that acceleration and jerk allow; a curve that needs more ends a little short of the guide. The stop at the
-//! end brakes with the limits for that, and so begins as late as it can: it is flown only if nothing is planned before.
+//! end brakes with the limits for that, and so begins as late as it can: it is flown where nothing longer is planned before.
 //! Every leg is cut into pieces of equal and not too long time: one polynomial of fifth degree cannot brake evenly for long.
 
 use jink_shared_types::motion::{MotionLimits, REPLANNED_S, stoppable_speed_mps, stopping_distance_m};
@@ -104,10 +104,10 @@ pub fn cut(
         .min(held_mps.max(start_velocity.norm()).max(TOP_MIN_MPS));
     let mut top_mps = speed_mps;
     for _ in 0..2 {
-        let top = top_mps.max(TOP_MIN_MPS);
+        let fastest_mps = top_mps.max(TOP_MIN_MPS);
         let accelerations_mps2 = [
-            mean_acceleration_mps2(top, going_mps2, going_mps3),
-            mean_acceleration_mps2(top, braking_mps2, braking_mps3),
+            mean_acceleration_mps2(fastest_mps, going_mps2, going_mps3),
+            mean_acceleration_mps2(fastest_mps, braking_mps2, braking_mps3),
         ];
         make(vertices, start_velocity, speed_mps, accelerations_mps2, profile);
         top_mps = profile.iter().map(|leg| leg.peak_mps).fold(0.0, f64::max);
@@ -150,7 +150,7 @@ fn mean_acceleration_mps2(speed_mps: f64, acceleration_mps2: f64, jerk_mps3: f64
     speed_mps * speed_mps / (2.0 * stop_m)
 }
 
-/// Makes the profile, not faster than `speed_mps`, with the acceleration `a` (m/s2), and `b` in the stop at the end.
+/// Makes the profile, not faster than `speed_mps`, with the acceleration `a` (m/s2), and `b` (m/s2) in the stop at the end.
 fn make(
     vertices: &[Vector3<f64>],
     start_velocity: &Vector3<f64>,

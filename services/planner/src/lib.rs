@@ -10,8 +10,8 @@
 //! I3), the trajectory must be left: by a new plan, else by a certified stop, else by braking as hard as allowed.
 //! Otherwise a new plan is made for every new map, and once more on the same map only if none was found or if what must
 //! be left is still being flown. A plan departs from the state that the committed trajectory will have in
-//! [`SPLICE_LEAD_S`](jink_shared_types::motion::SPLICE_LEAD_S), and replaces it only if it is certified (rule I2). Without fresh ranges or a valid state nothing
-//! new is committed (rule I4).
+//! [`SPLICE_LEAD_S`](jink_shared_types::motion::SPLICE_LEAD_S), and replaces it only if it is certified (rule I2). Without
+//! fresh ranges or a valid state nothing new is committed (rule I4).
 //!
 //! A vehicle that is to rest at a place (a hold, a landing) and is too fast to stop there stops first and comes back
 //! from rest. A goal that cannot be reached (an obstacle, a closed wall, a height that is not allowed) is approached as
