@@ -11,7 +11,10 @@
 //! itself follows from `a1` and the jerk, so both are found by iteration.
 
 use jink_shared_types::bezier::{End, derivative, quintic_between, split_scalar};
-use jink_shared_types::motion::{BezierPiece, MotionLimits, MotionState, Trajectory, TrajectoryMode};
+use jink_shared_types::motion::{
+    BezierPiece, MotionLimits, MotionState, Trajectory, TrajectoryMode, stopping_distance_m,
+};
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::{Coded, Flag, Timestamp};
 use nalgebra::Vector3;
 
@@ -32,8 +35,45 @@ pub struct BrakeLimits {
     pub jerk_mps3: f64,
 }
 
+/// How hard the vehicle can brake.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Braking {
+    /// Deceleration that is counted on in any case (m/s2), and the most that is allowed (m/s2).
+    pub range_mps2: (f64, f64),
+    /// How the autopilot follows; `None` as long as that is not known.
+    pub tracking: Option<Tracking>,
+}
+
+impl Braking {
+    /// The shortest brake from `speed_mps` out of a motion with the jerk `jerk_mps3`: how hard, and how far past its end the
+    /// vehicle runs for braking harder than is counted on in any case (m).
+    pub fn shortest(&self, speed_mps: f64, jerk_mps3: f64) -> (BrakeLimits, f64) {
+        let (least_mps2, most_mps2) = self.range_mps2;
+        let known = self.tracking.map(|tracking| {
+            let (deceleration_mps2, jerk_mps3) = tracking.shortest_stop(speed_mps, (least_mps2, jerk_mps3));
+            (deceleration_mps2.min(most_mps2), jerk_mps3)
+        });
+        let (deceleration_mps2, jerk_mps3) = known.unwrap_or((least_mps2, jerk_mps3));
+        let harder_mps2 = (deceleration_mps2 - least_mps2).max(0.0);
+        let overshoot_m = self
+            .tracking
+            .map_or(0.0, |tracking| tracking.overshoot_m(harder_mps2));
+        let limits = BrakeLimits {
+            deceleration_mps2,
+            jerk_mps3,
+        };
+        (limits, overshoot_m)
+    }
+
+    /// The distance (m) of that brake, with a reaction time of `delay_s` (s) before it.
+    pub fn distance_m(&self, speed_mps: f64, delay_s: f64, jerk_mps3: f64) -> f64 {
+        let (limits, overshoot_m) = self.shortest(speed_mps, jerk_mps3);
+        overshoot_m + stopping_distance_m(speed_mps, delay_s, limits.deceleration_mps2, limits.jerk_mps3)
+    }
+}
+
 /// Makes `out` the brake of `active`: the same until `now` plus [`LEAD_S`], then to rest.
-pub fn brake(active: &Trajectory, now: Timestamp, brake_limits: BrakeLimits, id: u64, out: &mut Trajectory) {
+pub fn brake(active: &Trajectory, now: Timestamp, braking: &Braking, id: u64, out: &mut Trajectory) {
     let mut begin = now.plus_seconds(LEAD_S);
     let room = jink_shared_types::motion::TRAJECTORY_PIECES - PHASES;
     let fits = out.take_prefix(active, now, begin) && out.pieces().len() <= room;
@@ -50,11 +90,11 @@ pub fn brake(active: &Trajectory, now: Timestamp, brake_limits: BrakeLimits, id:
             (state, state.yaw_rad)
         }
     };
+    let speed_mps = start.velocity.vector().norm();
+    let (shortest, _) = braking.shortest(speed_mps, active.limits.jerk_mps3);
     let brake_limits = BrakeLimits {
-        deceleration_mps2: brake_limits
-            .deceleration_mps2
-            .max(present_deceleration_mps2(&start)),
-        ..brake_limits
+        deceleration_mps2: shortest.deceleration_mps2.max(present_deceleration_mps2(&start)),
+        ..shortest
     };
     let legs = BrakePhases::new(&start, brake_limits);
     legs.append(&start, yaw_rad, out);
@@ -68,6 +108,7 @@ pub fn brake(active: &Trajectory, now: Timestamp, brake_limits: BrakeLimits, id:
         .acceleration_mps2
         .max(brake_limits.deceleration_mps2)
         .max(start.acceleration.vector().norm());
+    out.limits.jerk_mps3 = active.limits.jerk_mps3.max(brake_limits.jerk_mps3);
     out.mode = Coded::new(TrajectoryMode::Brake);
     out.reaches_goal = Flag::NO;
 }

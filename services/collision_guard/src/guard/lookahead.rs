@@ -11,10 +11,11 @@
 //! A vehicle that is already nearer to something than it should be may leave: as long as it is too near, its path must
 //! not bring it nearer.
 
+use super::brake::Braking;
 use super::moving::MovingNow;
 use crate::ring::{RingQuery, SENSORS, SLOTS, Visibility};
 use jink_shared_types::bezier::{self, derivative};
-use jink_shared_types::motion::{BezierPiece, GuardReason, Trajectory, stopping_distance_m};
+use jink_shared_types::motion::{BezierPiece, GuardReason, Trajectory};
 use jink_shared_types::{Timestamp, motion::MotionState};
 use nalgebra::Vector3;
 
@@ -38,12 +39,14 @@ pub struct LookaheadDemand {
     pub standoff_m: f64,
     /// Reaction time (s).
     pub delay_s: f64,
-    /// Deceleration of the guard's own brake (m/s2).
-    pub brake_mps2: f64,
+    /// How hard the guard's own brake may be.
+    pub braking: Braking,
     /// For how long from now no brake may become necessary (s): zero for the active trajectory, more for a new one.
     pub horizon_s: f64,
     /// Whether places in the field of view of a sensor that no longer answers count as unseen.
     pub loss_counts: bool,
+    /// Whether nothing hangs above what is free, as the user declares.
+    pub no_overhang: bool,
 }
 
 /// The result of following a trajectory.
@@ -180,7 +183,7 @@ impl Lookahead {
         if query.is_here(place_m, demand.clearance_m) {
             return GuardReason::None;
         }
-        match query.visibility(place_m, position.z, demand.clearance_m) {
+        match query.visibility(place_m, position.z, demand.clearance_m, demand.no_overhang) {
             Visibility::Free => GuardReason::None,
             Visibility::Lost if !demand.loss_counts => GuardReason::None,
             Visibility::Lost | Visibility::Unseen => GuardReason::Unseen,
@@ -288,12 +291,13 @@ fn stopping_m(state: &MotionState, jerk_mps3: f64, demand: &LookaheadDemand) -> 
     };
     let release_s = gain_mps2 / jerk_mps3;
     let top_mps = speed_mps + 0.5 * gain_mps2 * release_s;
-    top_mps * release_s + stopping_distance_m(top_mps, demand.delay_s, demand.brake_mps2, jerk_mps3)
+    top_mps * release_s + demand.braking.distance_m(top_mps, demand.delay_s, jerk_mps3)
 }
 
 #[cfg(test)]
 mod tests {
     use super::{LookaheadDemand, PathWalk, stopping_m};
+    use crate::guard::brake::Braking;
     use jink_shared_types::frames::{Acceleration, Velocity};
     use jink_shared_types::motion::{GuardReason, MotionState};
     use nalgebra::Vector3;
@@ -332,7 +336,8 @@ mod tests {
             } else if waited_s < demand.delay_s {
                 waited_s += STEP_S;
             } else {
-                acceleration_mps2 = (acceleration_mps2 - jerk_mps3 * STEP_S).max(-demand.brake_mps2);
+                acceleration_mps2 =
+                    (acceleration_mps2 - jerk_mps3 * STEP_S).max(-demand.braking.range_mps2.0);
             }
             way_m += speed_mps * STEP_S;
             speed_mps += acceleration_mps2 * STEP_S;
@@ -350,9 +355,13 @@ mod tests {
                 clearance_m: 0.5,
                 standoff_m: 0.5,
                 delay_s,
-                brake_mps2,
+                braking: Braking {
+                    range_mps2: (brake_mps2, brake_mps2),
+                    tracking: None,
+                },
                 horizon_s: 0.0,
                 loss_counts: true,
+                no_overhang: false,
             };
             let state = |acceleration_mps2: f64| MotionState {
                 velocity: Velocity::new(0.6 * speed_mps, -0.8 * speed_mps, 0.0),

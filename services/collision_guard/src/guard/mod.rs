@@ -42,13 +42,15 @@ use crate::prevention::PreventionConfig;
 use crate::ring::Ring;
 use crate::step_events::StepEvents;
 use admission::departure;
-use brake::BrakeLimits;
+use brake::Braking;
 use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::map::declared_as;
 use jink_shared_types::motion::{
     ApprovedTrajectory, GuardReason, MotionState, Trajectory, TrajectoryMode, Verdict,
 };
 use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Reading, Timestamp};
 use lookahead::{Lookahead, LookaheadDemand, LookaheadResult};
@@ -76,12 +78,18 @@ pub struct GuardConfig {
     pub vehicle_radius_m: f64,
     /// Distance kept in addition to the radius (m).
     pub margin_m: f64,
-    /// Deceleration of the brake, and assumed for the stopping distance (m/s2).
-    pub brake_mps2: f64,
+    /// Deceleration of the brake, and assumed for the stopping distance (m/s2), in any case, and the most: between them
+    /// as hard as the autopilot follows.
+    pub brake_mps2: (f64, f64),
+    /// Overshoot of stops that was learned in flight (s2); 0: as is known of the profile.
+    pub overshoot_s2: f64,
     /// Assumed reaction time (s).
     pub delay_s: f64,
     /// Standoff: distance between the vehicle's centre and any obstacle (m), where that is more than radius and margin.
     pub standoff_m: f64,
+    /// The user declares that nothing hangs above what is free; it counts where a trajectory depends on it, and so no longer
+    /// than the map believes it.
+    pub no_overhang: bool,
 }
 
 impl GuardConfig {
@@ -90,16 +98,19 @@ impl GuardConfig {
         let own = Self {
             vehicle_radius_m: params.get(&params::OA_VEH_RADIUS),
             margin_m: params.get(&params::GD_MARGIN),
-            brake_mps2: params.get(&params::GD_ACC_BRAKE),
+            brake_mps2: (params.get(&params::GD_ACC_BRAKE), f64::INFINITY),
+            overshoot_s2: params.get(&params::OA_TRK_OVER),
             delay_s: params.get(&params::GD_DELAY),
             standoff_m: 0.0,
+            no_overhang: params.get(&params::OA_DCL_HANG_HI) > params.get(&params::OA_DCL_HANG_LO),
         };
         let prevention = PreventionConfig::from_params(params);
         if !prevention.is_active() {
             return own;
         }
+        let most_mps2 = prevention.acceleration_mps2;
         Self {
-            brake_mps2: own.brake_mps2.min(prevention.acceleration_mps2),
+            brake_mps2: (own.brake_mps2.0.min(most_mps2), most_mps2),
             delay_s: own.delay_s.max(prevention.delay_s),
             standoff_m: prevention.distance_m,
             ..own
@@ -146,6 +157,8 @@ pub struct Guard {
     reason: GuardReason,
     /// Whether ranges were fresh at the last step; `None` as long as there have never been any.
     had_ranges: Option<bool>,
+    /// How the autopilot follows, as the vehicle's state said it last.
+    tracking: Option<Tracking>,
     lookahead: Lookahead,
 }
 
@@ -163,6 +176,7 @@ impl Guard {
             verdict: Verdict::Hold,
             reason: GuardReason::None,
             had_ranges: None,
+            tracking: None,
             lookahead: Lookahead::new(),
         }
     }
@@ -186,6 +200,8 @@ impl Guard {
         let mut step_events = StepEvents::default();
         let has_ranges = inputs.ring.is_fresh(now);
         self.report_ranges(has_ranges, &mut step_events);
+        let known = inputs.state.fresh().and_then(|state| state.tracking.known());
+        self.tracking = known.or(self.tracking);
 
         let mut lookahead = None;
         if let Some(candidate) = inputs.trajectory.filter(|candidate| self.is_new(candidate)) {
@@ -299,15 +315,16 @@ impl Guard {
         inputs: &GuardInputs<'_>,
     ) -> LookaheadResult {
         let clearance_m = self.config.vehicle_radius_m + self.config.margin_m;
+        let trajectory = candidate.unwrap_or(&self.active);
         let demand = LookaheadDemand {
             clearance_m,
             standoff_m: clearance_m.max(self.config.standoff_m),
             delay_s: self.config.delay_s,
-            brake_mps2: self.config.brake_mps2,
+            braking: self.braking(),
             horizon_s: if candidate.is_some() { HORIZON_S } else { 0.0 },
             loss_counts: candidate.is_some(),
+            no_overhang: self.config.no_overhang && trajectory.declarations & declared_as::NO_OVERHANG != 0,
         };
-        let trajectory = candidate.unwrap_or(&self.active);
         let moving = inputs
             .moving
             .fresh()
@@ -343,17 +360,22 @@ impl Guard {
         self.reason = reason;
     }
 
+    fn braking(&self) -> Braking {
+        Braking {
+            range_mps2: self.config.brake_mps2,
+            tracking: self
+                .tracking
+                .map(|tracking| tracking.looser(0.0, self.config.overshoot_s2)),
+        }
+    }
+
     /// Replaces the active trajectory by its brake, if that is shorter.
     fn brake(&mut self, now: Timestamp, seen: &LookaheadResult, step_events: &mut StepEvents) {
         if self.is_braking {
             return;
         }
         let id = GUARD_MADE | (u64::from(self.generation) << 32) | u64::from(self.brakes);
-        let brake_limits = BrakeLimits {
-            deceleration_mps2: self.config.brake_mps2,
-            jerk_mps3: self.active.limits.jerk_mps3,
-        };
-        brake::brake(&self.active, now, brake_limits, id, &mut self.draft);
+        brake::brake(&self.active, now, &self.braking(), id, &mut self.draft);
         if remaining_distance_m(&self.draft, now) > BRAKE_MAX_SHARE * remaining_distance_m(&self.active, now)
         {
             return;

@@ -81,7 +81,10 @@ impl MovingNow<'_> {
             return None;
         }
         let (from, velocity) = (start.position.vector(), start.velocity.vector());
-        let stop_s = velocity.norm() / demand.brake_mps2;
+        let (brake, _) = demand
+            .braking
+            .shortest(velocity.norm(), trajectory.limits.jerk_mps3);
+        let stop_s = velocity.norm() / brake.deceleration_mps2;
         let (braking_m, _) = self.nearest(demand.clearance_m, |ahead_s| {
             let braked_s = (ahead_s - demand.delay_s).clamp(0.0, stop_s);
             let moved_s = ahead_s.min(demand.delay_s) + braked_s * (1.0 - 0.5 * braked_s / stop_s.max(1e-9));

@@ -202,6 +202,7 @@ fn mark(view: &mut SensorView, arc: &RangeArc, place_m: Vector2<f64>) {
     let known_m2 = distance_m2.min((arc.reach_m * arc.reach_m) as f32);
     if known_m2 > sector.known_m2 {
         sector.known_m2 = known_m2;
+        sector.under_m2 = sector.under_m2.max(known_m2);
         sector.seen = arc.seen;
     }
     if arc.kind != RayKind::Hit {

@@ -65,9 +65,15 @@ impl<'a> RingQuery<'a> {
     }
 
     /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen
-    /// with `clearance_m` around it.
-    pub fn visibility(&self, place_m: [f64; 2], down_m: f64, clearance_m: f64) -> Visibility {
-        if self.views().any(|view| view.admits(place_m)) {
+    /// with `clearance_m` around it. `no_overhang`: nothing hangs above what is free there.
+    pub fn visibility(
+        &self,
+        place_m: [f64; 2],
+        down_m: f64,
+        clearance_m: f64,
+        no_overhang: bool,
+    ) -> Visibility {
+        if self.views().any(|view| view.admits(place_m, no_overhang)) {
             return Visibility::Free;
         }
         let bearing_rad = (place_m[1] - self.place_m[1]).atan2(place_m[0] - self.place_m[0]) - self.yaw_rad;
@@ -80,6 +86,7 @@ impl<'a> RingQuery<'a> {
             down_m,
             clearance_m,
             self.ring.envelope.band_half_m,
+            no_overhang,
         );
         if remembered {
             Visibility::Free

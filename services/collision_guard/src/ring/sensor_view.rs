@@ -30,6 +30,8 @@ pub struct ViewSector {
     pub near_m2: f32,
     /// Squared horizontal distance up to which a ray found it free (m2); zero for unknown.
     pub known_m2: f32,
+    /// The same where nothing hangs above what is free (m2): not less.
+    pub under_m2: f32,
     /// When it was measured.
     pub seen: Timestamp,
 }
@@ -39,15 +41,20 @@ impl ViewSector {
     pub const UNKNOWN: Self = Self {
         near_m2: f32::INFINITY,
         known_m2: 0.0,
+        under_m2: 0.0,
         seen: Timestamp::NEVER,
     };
 
     /// Squared range that is known to be free (m2): no farther than any ray saw, no farther than the nearest hit.
     pub fn free_m2(&self) -> f32 {
-        if self.near_m2 < self.known_m2 {
-            self.near_m2
-        } else {
-            self.known_m2
+        self.near_m2.min(self.known_m2)
+    }
+
+    /// The same, `no_overhang`: where nothing hangs above what is free.
+    fn free_under_m2(&self, no_overhang: bool) -> f32 {
+        match no_overhang {
+            true => self.near_m2.min(self.under_m2),
+            false => self.free_m2(),
         }
     }
 
@@ -125,11 +132,11 @@ impl SensorView {
             .map(|hit| (self.local(hit.level_m), hit.seen))
     }
 
-    /// Whether this view saw the place (north, east) to be free.
-    pub fn admits(&self, place_m: [f64; 2]) -> bool {
+    /// Whether this view saw the place (north, east) to be free; `no_overhang`: nothing hangs above what is.
+    pub fn admits(&self, place_m: [f64; 2], no_overhang: bool) -> bool {
         let [forward, right] = self.level(place_m);
         let distance_m2 = forward * forward + right * right;
-        distance_m2 <= self.sectors[sector_toward(forward, right)].free_m2()
+        distance_m2 <= self.sectors[sector_toward(forward, right)].free_under_m2(no_overhang)
     }
 
     /// Whether one of this view's own hits lies within `clearance_m` of the place (north, east).
@@ -307,7 +314,7 @@ mod tests {
                     let from_origin = (point[0] - 100.0).hypot(point[1] + 50.0);
                     // Slightly to either side: at a border both neighbours are right.
                     let admitted = [-1e-3, 0.0, 1e-3].iter().any(|aside| {
-                        view.admits([point[0] - sin * aside, point[1] + cos * aside])
+                        view.admits([point[0] - sin * aside, point[1] + cos * aside], false)
                     });
                     prop_assert!(admitted || from_origin <= f64::from(footprint) + 1e-3, "at {} of {}", s, way_m);
                 }
@@ -342,6 +349,6 @@ mod tests {
             view.free_distance_m(&borders, [100.0, -50.0], std::f64::consts::PI, 0.3)
                 .is_none()
         );
-        assert!(!view.admits([99.0, -50.0]));
+        assert!(!view.admits([99.0, -50.0], true));
     }
 }

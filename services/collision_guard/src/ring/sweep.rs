@@ -11,7 +11,8 @@
 //! chord of that arc misses it by at most 0.1^2 / 8 of the range, 1 cm at 10 m.
 //!
 //! A ray determines how far its sector is free: horizontally, as long as the ray stays inside the height band. A ray
-//! that leaves the band through its top or bottom says nothing about what is beyond.
+//! that leaves the band through its top or bottom says nothing about what is beyond. Where the user declares that nothing
+//! hangs above what is free, one that leaves it through its bottom does.
 //!
 //! A hundred thousand points have to pass in half a millisecond, 12 cycles each. So rays are taken in blocks, each step
 //! is a loop without branches over plain arrays, which the compiler turns into vector instructions, and only the last
@@ -159,6 +160,8 @@ struct NearestHit {
 struct FarthestRay {
     m2: f32,
     share: f32,
+    /// The farthest of those that may leave the band through its bottom.
+    under_m2: f32,
 }
 
 /// Rays of one block, and the results of each step.
@@ -173,6 +176,7 @@ struct RayBlock {
     hit: [f32; BLOCK],
     near_m2: [f32; BLOCK],
     known_m2: [f32; BLOCK],
+    under_m2: [f32; BLOCK],
     bin: [u32; BLOCK],
 }
 
@@ -198,6 +202,7 @@ impl SectorCollector {
                 hit: zero,
                 near_m2: zero,
                 known_m2: zero,
+                under_m2: zero,
                 bin: [0; BLOCK],
             },
             nearest: [NOTHING_NEAR; BINS],
@@ -238,6 +243,7 @@ impl SectorCollector {
                 sector.known_m2 = farthest.m2;
                 sector.seen = sweep.time_of(farthest.share);
             }
+            sector.under_m2 = sector.under_m2.max(farthest.under_m2);
         }
         for (bin, nearest) in self.nearest.iter().enumerate() {
             let hit = &mut view.hits[slot_of_bin(bin)];
@@ -272,10 +278,11 @@ impl SectorCollector {
             }
             let farthest = &mut self.farthest[sector_bin(bin)];
             if block.known_m2[i] > farthest.m2 {
-                *farthest = FarthestRay {
-                    m2: block.known_m2[i],
-                    share: block.share[i],
-                };
+                farthest.m2 = block.known_m2[i];
+                farthest.share = block.share[i];
+            }
+            if block.under_m2[i] > farthest.under_m2 {
+                farthest.under_m2 = block.under_m2[i];
             }
         }
         self.block.len = 0;
@@ -289,7 +296,11 @@ const NOTHING_NEAR: NearestHit = NearestHit {
     share: 0.0,
 };
 
-const NOTHING_KNOWN: FarthestRay = FarthestRay { m2: 0.0, share: 0.0 };
+const NOTHING_KNOWN: FarthestRay = FarthestRay {
+    m2: 0.0,
+    share: 0.0,
+    under_m2: 0.0,
+};
 
 impl RayBlock {
     /// Turns body coordinates into level ones, in place.
@@ -303,7 +314,8 @@ impl RayBlock {
         }
     }
 
-    /// Per ray: the sector's bin, the squared distance if it is an obstacle, the squared range it knows to be free.
+    /// Per ray: the sector's bin, the squared distance if it is an obstacle, the squared range it knows to be free, and that
+    /// where nothing hangs above what is free.
     fn measure(&mut self, sweep: &SweepTransform) {
         let band = sweep.band_m;
         for i in 0..BLOCK {
@@ -325,14 +337,12 @@ impl RayBlock {
             let exit_y = sensor_y + inside_share * (y - sensor_y);
             let exit_m2 = exit_x * exit_x + exit_y * exit_y;
             let seen_m2 = if outside { exit_m2 } else { flat_m2 };
-            let reached_m2 = if seen_m2 < sweep.reach_m2 {
-                seen_m2
-            } else {
-                sweep.reach_m2
-            };
+            let under_m2 = if z > band { flat_m2 } else { seen_m2 };
+            let within_reach = |m2: f32| if m2 < sweep.reach_m2 { m2 } else { sweep.reach_m2 };
             // Both comparisons are false for NaN, and no sensor reaches infinity: damaged coordinates are ignored.
             let known = !is_self && seen_m2 > sweep.self_m2 && flat_m2 < BEYOND_ANY_SENSOR_M2;
-            self.known_m2[i] = if known { reached_m2 } else { 0.0 };
+            self.known_m2[i] = if known { within_reach(seen_m2) } else { 0.0 };
+            self.under_m2[i] = if known { within_reach(under_m2) } else { 0.0 };
             self.bin[i] = bin_of(bearing_sectors(x, y));
         }
     }

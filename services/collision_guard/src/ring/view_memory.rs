@@ -96,7 +96,7 @@ impl ViewMemory {
     }
 
     /// Whether a view of the last [`VIEW_LIFETIME_S`] seconds, taken within `band_half_m` of the height `down_m`, saw
-    /// the place (north, east) free with `clearance_m` around it.
+    /// the place (north, east) free with `clearance_m` around it; `no_overhang`: nothing hangs above what is free.
     pub fn admits(
         &self,
         now: Timestamp,
@@ -104,11 +104,12 @@ impl ViewMemory {
         down_m: f64,
         clearance_m: f64,
         band_half_m: f64,
+        no_overhang: bool,
     ) -> bool {
         self.kept.iter().any(|kept| {
             now.seconds_since(kept.time).abs() <= VIEW_LIFETIME_S
                 && (kept.view.down_m - down_m).abs() <= band_half_m
-                && kept.view.admits(place_m)
+                && kept.view.admits(place_m, no_overhang)
                 && !kept.view.has_hit_within(place_m, clearance_m as f32)
         })
     }

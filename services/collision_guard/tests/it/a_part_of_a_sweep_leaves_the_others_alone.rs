@@ -99,14 +99,14 @@ fn a_part_that_has_grown_old_is_unknown_and_its_sensor_is_not_lost() {
     let query = ring.query(time(now_s));
     let direction = 22.5f64.to_radians();
     assert_eq!(
-        query.visibility([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3),
+        query.visibility([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3, false),
         Visibility::Unseen
     );
     // When the sensor falls silent, all its parts are lost.
     let late_s = NOW_S + 1.2;
     let query = ring.query(time(late_s));
     assert_eq!(
-        query.visibility([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3),
+        query.visibility([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3, false),
         Visibility::Lost
     );
 }

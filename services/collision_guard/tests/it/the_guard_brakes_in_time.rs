@@ -16,6 +16,7 @@ use jink_shared_types::motion::{
     stopping_distance_m,
 };
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::{Coded, Point, Velocity};
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -63,6 +64,46 @@ fn follow(
         flown = out.trajectory;
         each(t, &out, &step_events);
     }
+}
+
+#[test]
+fn the_guard_brakes_as_hard_as_the_autopilot_is_known_to_follow_and_later() {
+    // The distance to the post when the brake begins, and the way that it takes (m).
+    let brake = |tracking: Tracking| {
+        let first = straight(7, NOW_S, 3.8, 2.0, 40.0);
+        let (mut guard, mut ring) = started(&first);
+        let known = VehiclePose {
+            tracking,
+            ..VehiclePose::at(0.0, 0.0)
+        };
+        step(&mut guard, NOW_S, None, &ring, known);
+        let mut braked = None;
+        follow(
+            &mut guard,
+            &mut ring,
+            &|_| World(vec![[18.0, 0.0, 0.2]]),
+            NOW_S + 6.0,
+            |t, out, _| {
+                if out.verdict == Verdict::Braked && braked.is_none() {
+                    assert_is_a_good_brake(&out.trajectory, &first, t);
+                    let from_m = out.trajectory.at(time(t)).unwrap().position.x_m;
+                    let end_m = out.trajectory.at(out.trajectory.end()).unwrap().position.x_m;
+                    braked = Some([18.0 - from_m, end_m - from_m]);
+                }
+            },
+        );
+        braked.unwrap()
+    };
+    let [soon_m, long_m] = brake(Tracking::default());
+    let [late_m, short_m] = brake(Tracking::PX4_OFFBOARD);
+    assert!(
+        late_m < soon_m - 0.5 && short_m < 0.7 * long_m,
+        "{late_m} {short_m}, {soon_m} {long_m}"
+    );
+    // It ends with the clearance before the post, and what the vehicle runs past its end.
+    let harder_mps2 = Tracking::PX4_OFFBOARD.shortest_stop(3.8, (2.0, 12.0)).0 - 2.0;
+    let room_m = 0.2 + CLEARANCE_M + Tracking::PX4_OFFBOARD.overshoot_m(harder_mps2) - 0.1;
+    assert!(late_m - short_m > room_m, "{late_m} {short_m}");
 }
 
 fn assert_is_a_good_brake(brake: &Trajectory, base: &Trajectory, now_s: f64) {

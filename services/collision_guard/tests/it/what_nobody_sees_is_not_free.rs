@@ -2,10 +2,14 @@
 //! was approved while it was well.
 
 use crate::common::{
-    Lidar, VehiclePose, World, end, fly, guard, hovering_guard, on, random, ring, step, straight, time,
-    trajectory,
+    Lidar, VehiclePose, World, end, fly, guard, hovering_guard, on, points, random, ring, step, straight,
+    time, trajectory,
 };
+use jink_collision_guard::guard::{Guard, GuardConfig};
+use jink_shared_types::map::declared_as;
 use jink_shared_types::motion::{GuardReason, Verdict, stopping_distance_m};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::ranges::RayKind;
 
 const NOW_S: f64 = 10.0;
 
@@ -49,6 +53,44 @@ fn a_path_beyond_what_the_sensor_sees_is_braked_as_unseen() {
         );
     }
     assert_eq!(reason, GuardReason::Unseen);
+}
+
+#[test]
+fn above_what_is_seen_to_be_free_is_free_only_where_the_user_declares_it_and_the_trajectory_depends_on_it() {
+    // A lidar sees the ground 9 m ahead: its rays leave the height band after 2.3 m.
+    let place = VehiclePose::at(0.0, 0.0);
+    let mut ring = ring();
+    fly(&mut ring, &|_| place, NOW_S - 0.2, NOW_S);
+    let ends: Vec<_> = (-40..=40)
+        .map(|i| ([9.0, 0.1 * f64::from(i), 2.0], RayKind::Hit))
+        .collect();
+    let (cloud, header) = points(&ends, 40.0, NOW_S);
+    ring.cloud(0, &cloud, &header).unwrap();
+    let declare = |is_declared: bool| {
+        let mut params = ParamSet::default();
+        if is_declared {
+            params.set("OA_DCL_HANG_HI", 10.0).unwrap();
+        }
+        GuardConfig::from_params(&params)
+    };
+    let rest = end([0.0, 0.0], [0.0, 0.0]);
+    for (is_declared, declarations, verdict) in [
+        (false, 0, Verdict::Hold),
+        (false, declared_as::NO_OVERHANG, Verdict::Hold),
+        (true, 0, Verdict::Hold),
+        (true, declared_as::NO_OVERHANG, Verdict::Passed),
+    ] {
+        let mut start = trajectory(7, NOW_S, rest, &[(end([8.0, 0.0], [0.0, 0.0]), 4.0)]);
+        start.declarations = declarations;
+        let mut guard = Guard::new(declare(is_declared), 3);
+        let (out, _) = step(&mut guard, NOW_S, Some(&start), &ring, place);
+        assert_eq!(
+            out.verdict.get(),
+            verdict,
+            "{is_declared} {declarations} {:?}",
+            out.reason
+        );
+    }
 }
 
 #[test]

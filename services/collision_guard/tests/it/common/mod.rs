@@ -17,6 +17,7 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::sample::Stamped;
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Flag, Point, Reading, Reserved, SampleHeader, Timestamp, Velocity};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -47,6 +48,8 @@ pub struct VehiclePose {
     pub velocity: Vector3<f64>,
     pub attitude: UnitQuaternion<f64>,
     pub rates: Vector3<f64>,
+    /// How its autopilot follows; zeros: not known.
+    pub tracking: Tracking,
 }
 
 impl VehiclePose {
@@ -56,6 +59,7 @@ impl VehiclePose {
             velocity: Vector3::zeros(),
             attitude: UnitQuaternion::identity(),
             rates: Vector3::zeros(),
+            tracking: Tracking::default(),
         }
     }
 
@@ -74,6 +78,7 @@ impl VehiclePose {
             rates: AngularRate::new(self.rates.x, self.rates.y, self.rates.z),
             position_valid: Flag::YES,
             autopilot_alive: Flag::YES,
+            tracking: self.tracking,
             ..VehicleState::default()
         }
     }
@@ -349,6 +354,7 @@ pub fn on(trajectory: &Trajectory, t: f64) -> VehiclePose {
         velocity: state.velocity.vector(),
         attitude: UnitQuaternion::from_euler_angles(acceleration.y / 9.81, -acceleration.x / 9.81, 0.0),
         rates: Vector3::zeros(),
+        tracking: Tracking::default(),
     }
 }
 
