@@ -109,13 +109,13 @@ params! {
     OA_BLOCKED = Integer, 0.0, 0.0 .. 2.0, "", Restart, Never, "Mission item that cannot be reached: 0 wait and notify, 1 skip it, 2 stop the mission";
     OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, Never, "Time without a shorter way left than any before, after which a goal or mission item counts as out of reach; flying known detours adds to it";
     OA_UNGUARDED = Integer, 0.0, 0.0 .. 1.0, "", Live, Higher, "Motion of the autopilot that jink cannot guard (orbit, unknown item): 0 hold and notify, 1 let it fly and notify";
-    OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, Higher, "Range up to which rays clear the map";
+    OA_CARVE_RNG = Float, 18.0, 3.0 .. 18.0, "m", Restart, Higher, "Range up to which rays clear the map";
     OA_DCL_START = Float, 0.0, 0.0 .. 5.0, "m", Restart, Higher, "Declaration: so near to the vehicle when it is armed, and around it while it takes off, everything is free; 0 none";
     OA_DCL_HANG_LO = Float, 0.0, 0.0 .. 500.0, "m", Restart, Lower, "Declaration: nothing hangs from above from this height above home ...";
     OA_DCL_HANG_HI = Float, 0.0, 0.0 .. 500.0, "m", Restart, Higher, "... to this one; equal to the other: not declared";
     GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, Lower, "Distance the guard keeps besides the vehicle radius";
     GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, Lower, "Half height of the band around the vehicle in which the guard counts obstacles";
-    GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, Higher, "Deceleration the guard counts on and brakes with";
+    GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, Higher, "Deceleration the guard counts on and brakes with at least; harder where the autopilot is known to follow that";
     GD_DELAY = Float, 0.35, 0.0 .. 2.0, "s", Live, Lower, "Reaction time the guard counts on: sensor, link and autopilot";
     CP_DIST = Float, -1.0, -1.0 .. 15.0, "m", Live, Lower, "Distance that collision prevention keeps from everything; zero and below switch it off";
     CP_DELAY = Float, 0.4, 0.0 .. 1.0, "s", Live, Lower, "Delay of sensors, link and tracking that collision prevention allows for";

@@ -27,7 +27,7 @@ use nalgebra::Vector3;
 const FREE_CELLS_TO_STOP: u32 = 3;
 
 /// A ray's parameter runs from 0 to this number, as an integer: additions and comparisons of integers have the lowest
-/// latency. 2^40 steps over at most 12 m place a crossing to within 1e-11 m.
+/// latency. 2^40 steps over at most 30 m place a crossing to within 1e-11 m.
 const PARAMETER_ONE: f64 = (1u64 << 40) as f64;
 
 /// Parameter of a crossing that does not exist: far above every other, and far from overflow when steps are added.
@@ -38,7 +38,7 @@ const RAYS: usize = 64;
 /// Rays that one instruction processes.
 const LANES: usize = 4;
 
-/// A ray's origin is at least this many cells away from the window's faces. The vehicle is in the middle of the window,
+/// A ray's origin is at least this many cells away from the window's faces. The vehicle is well inside the window,
 /// so that only an implausible origin is not; one cell absorbs the rounding of the last crossing.
 const BORDER: f64 = 2.0;
 
@@ -119,19 +119,30 @@ impl RayBatch {
             if self.is_hit[i] & !self.ends_inside(i) {
                 far.hit(end);
             }
-            let share = self.share[i];
             if far.is_next()
-                && share > 0.0
-                && share < 1.0
+                && self.share[i] > 0.0
                 && let Some(origin) = origin
             {
+                let share = self.share[i].min(self.leaves_after(origin, i));
                 let from = |axis: usize| {
                     let from = origin.single[axis] + offset[axis];
                     from + (end[axis] - from) * share
                 };
-                far.look([from(0), from(1), from(2)], end);
+                if share < 1.0 {
+                    far.look([from(0), from(1), from(2)], end);
+                }
             }
         }
+    }
+
+    /// The share of ray number `i` after which it leaves the window.
+    fn leaves_after(&self, origin: &GridOrigin, i: usize) -> f32 {
+        let leaves = |axis: usize| {
+            let (from, size) = (origin.single[axis], SIZE[axis] as f32);
+            let way = self.end[axis][i] - from;
+            (-from / way).max((size - from) / way)
+        };
+        leaves(0).min(leaves(1)).min(leaves(2))
     }
 
     /// Cuts the first `count` rays to what lies inside the window and is passed through.

@@ -60,7 +60,7 @@ use frame_bits::{FrameBits, RayBatch};
 use health::SensorChecks;
 use jink_shared_types::clock::Order;
 use jink_shared_types::far_map::FarMap;
-use jink_shared_types::frames::{BodyFrd, Point};
+use jink_shared_types::frames::{BodyFrd, LocalNed, Point};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
 use jink_shared_types::moving::MovingObstacles;
@@ -80,6 +80,11 @@ use rebase::{FrameShift, known_jump_m};
 use start_bubble::StartBubble;
 use transient_hits::{LidarView, TransientHits};
 use window::MapWindow;
+
+/// The window's middle lies ahead of the vehicle by what it flies in this time (s), at most this far (m): what is ahead is
+/// where plans lead, and behind it half of the window is left.
+const AHEAD_S: f64 = 1.0;
+const AHEAD_MAX_M: f64 = 6.0;
 
 /// The configuration of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -176,6 +181,13 @@ pub struct Fusion {
     frames: u64,
 }
 
+/// Where the middle of the window belongs.
+fn middle_of_window(state: &VehicleState) -> Point<LocalNed> {
+    let mut ahead = AHEAD_S * state.velocity.vector();
+    ahead.z = 0.0;
+    Point::from_vector(state.position.vector() + ahead.cap_magnitude(AHEAD_MAX_M))
+}
+
 impl Fusion {
     /// An all-unknown map around the local origin. Allocates everything that will ever be needed.
     pub fn new(config: FusionConfig) -> Self {
@@ -205,7 +217,7 @@ impl Fusion {
         }
     }
 
-    /// Takes the vehicle state valid at `header.capture`; the window follows the vehicle.
+    /// Takes the vehicle state valid at `header.capture`; the window follows the vehicle, its middle ahead of it.
     ///
     /// A changed reset count means that the local frame has moved under the map. If this state and the one before
     /// determine by how much, map and poses are shifted, and cells that then overlap two are free only if both were;
@@ -245,12 +257,12 @@ impl Fusion {
             self.moving.vehicle(header.capture, estimate);
         }
         if estimate.is_some_and(|estimate| self.history.push(estimate, header.capture)) {
-            let cell = cell_of(state.position);
-            if self.window.must_follow(cell) {
+            let middle = cell_of(middle_of_window(state));
+            if self.window.must_follow(middle) {
                 self.far.absorb(&self.window);
-                self.window.follow(cell);
+                self.window.follow(middle);
             }
-            self.far.follow(cell);
+            self.far.follow(cell_of(state.position));
             if self.start.update(state, header.capture) && self.config.start_bubble_m > 0.0 {
                 body::declare_sphere(
                     &mut self.window,

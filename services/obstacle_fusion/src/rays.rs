@@ -113,7 +113,7 @@ pub(crate) struct SensorPose {
     /// Takes body coordinates (m) to grid coordinates (cells): columns, and the body's origin.
     grid_r_body: [[f32; 3]; 3],
     body: [f32; 3],
-    /// The sensor, as origin of rays; nothing if it is out of the window's middle.
+    /// The sensor, as origin of rays; nothing if it is not well inside the window.
     pub origin: Option<GridOrigin>,
 }
 

@@ -33,8 +33,7 @@ const FREE_FLOOR: i8 = -MISS;
 /// (1.2 s at 10 Hz). A higher value would keep moved obstacles, a lower one lose wires in rain.
 const OCCUPIED_CEILING: i8 = 12;
 
-/// How far (cells) the vehicle may be off the centre before the window follows. Half the window (64 cells) less the
-/// longest carve range (60 cells): rays of full length stay inside, and a hovering vehicle moves nothing.
+/// How far (cells) the middle of the window may be off its place before the window follows: a hovering vehicle moves nothing.
 const HYSTERESIS: i32 = 4;
 
 /// The window. See the module's text.
@@ -102,17 +101,17 @@ impl MapWindow {
         }
     }
 
-    /// Whether the window has to slide to follow `vehicle`.
-    pub fn must_follow(&self, vehicle: Cell) -> bool {
-        let targets = centred_on(vehicle).into_iter().zip(self.min_cell);
+    /// Whether the window has to slide to have its middle at `middle`.
+    pub fn must_follow(&self, middle: Cell) -> bool {
+        let targets = centred_on(middle).into_iter().zip(self.min_cell);
         targets
             .into_iter()
             .any(|(target, min)| (target - min).abs() > HYSTERESIS)
     }
 
-    /// Slides so that `vehicle` is in the middle of every axis on which it is off by more than [`HYSTERESIS`].
-    pub fn follow(&mut self, vehicle: Cell) {
-        for (axis, target) in centred_on(vehicle).into_iter().enumerate() {
+    /// Slides so that `middle` is in the middle of every axis on which it is off by more than [`HYSTERESIS`].
+    pub fn follow(&mut self, middle: Cell) {
+        for (axis, target) in centred_on(middle).into_iter().enumerate() {
             let shift = target - self.min_cell[axis];
             if shift.abs() > HYSTERESIS {
                 self.slide(axis, shift);
@@ -309,8 +308,8 @@ fn copy_plane(from: &BitPlane, to: &mut Plane) -> u32 {
     cells
 }
 
-fn centred_on(vehicle: Cell) -> Cell {
-    [0, 1, 2].map(|axis| vehicle[axis] - SIZE[axis] / 2)
+fn centred_on(middle: Cell) -> Cell {
+    [0, 1, 2].map(|axis| middle[axis] - SIZE[axis] / 2)
 }
 
 fn zeroed_evidence() -> Box<[i8; CELLS]> {

@@ -11,9 +11,9 @@ use jink_shared_types::motion::{MotionLimits, Route, RouteMode};
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag};
 
-/// Longest guide (m): three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
-/// re-planned before it is flown.
-pub(super) const GUIDE_MAX_M: f64 = 11.0;
+/// Longest guide (m): as far as rays clear the map ahead of a vehicle in motion (OA_CARVE_RNG), less the clearance around its end
+/// and what the vehicle runs past it.
+pub(super) const GUIDE_MAX_M: f64 = 16.0;
 /// A plan that gains less than this is not worth committing (m).
 pub(super) const PROGRESS_MIN_M: f64 = 0.25;
 

@@ -214,6 +214,52 @@ fn beyond_the_carve_range_a_hit_is_a_hit_and_its_ray_clears_up_to_the_carve_rang
 }
 
 #[test]
+fn a_vehicle_in_motion_sees_as_far_ahead_as_rays_clear_and_keeps_half_the_window_behind() {
+    let walls = [40.0, -30.0].map(|north_m| WorldShape::Block {
+        center_m: Vector3::new(north_m, 0.0, -2.0),
+        half_m: Vector3::new(0.5, 30.0, 30.0),
+    });
+    let lidar = Lidar {
+        rays: 60_000,
+        range_max_m: 60.0,
+        ..Lidar::default()
+    };
+    let mut cloud = PointCloud::boxed();
+    let mut map = LocalMap::boxed();
+    // How far ahead and behind the map is free after a second at this speed (m).
+    let mut free_m = |speed_mps: f64| {
+        let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
+        let motion = |t_s: f64| VehicleMotion {
+            velocity_mps: Vector3::new(speed_mps, 0.0, 0.0),
+            ..VehicleMotion::still(Vector3::new(speed_mps * t_s, 0.0, -2.0))
+        };
+        for sweep in 0..11 {
+            let t_s = sweep as f64 * 0.1;
+            for part in 0..3 {
+                let t_s = t_s + 0.03 * f64::from(part);
+                fusion.vehicle(&motion(t_s).state(), &header(t_s));
+            }
+            lidar.sweep(&walls, motion, t_s, sweep, &mut cloud);
+            fusion.cloud(0, &cloud, &header(t_s));
+            fusion.write(at(t_s), &mut map);
+        }
+        let here = (speed_mps / CELL_M) as i32;
+        let free = |way: i32| {
+            let mut cells = (0..100).take_while(|cell| map.is_free([here + way * cell, 2, -11]));
+            CELL_M * f64::from(cells.by_ref().count() as i32)
+        };
+        [free(1), free(-1)]
+    };
+    let [ahead_m, behind_m] = free_m(0.0);
+    assert!(
+        (ahead_m - 12.8).abs() < 0.5 && (behind_m - 12.8).abs() < 0.5,
+        "{ahead_m} {behind_m}"
+    );
+    let [ahead_m, behind_m] = free_m(9.0);
+    assert!(ahead_m > 17.0 && behind_m > 5.8, "{ahead_m} {behind_m}");
+}
+
+#[test]
 fn a_lidar_that_repeats_itself_on_a_hovering_vehicle_leaves_nothing_out_for_long() {
     let lidar = Lidar {
         rays: 20_000,

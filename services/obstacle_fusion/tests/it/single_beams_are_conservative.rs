@@ -153,8 +153,8 @@ fn a_cap_that_reaches_into_the_vehicle_is_no_obstacle_there() {
 }
 
 #[test]
-fn infinity_clears_to_the_sensors_range_and_no_further_than_the_carve_range() {
-    for (range_max_m, last) in [(4.0, 20), (40.0, 60)] {
+fn infinity_clears_to_the_sensors_range_and_no_further_than_the_window() {
+    for (range_max_m, last) in [(4.0, 20), (40.0, 63)] {
         let mut scan = beam(f32::INFINITY, 0.4, UnitQuaternion::identity());
         scan.range_max_m = range_max_m;
         let (map, _) = map_of(&scan);

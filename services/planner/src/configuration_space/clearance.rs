@@ -3,7 +3,7 @@
 use crate::bit_layer::StructuringElement;
 use jink_shared_types::params::{self, ParamSet};
 
-/// Beyond this, CP_DIST is left to the guard (m): the map reaches 12.8 m.
+/// Beyond this, CP_DIST is left to the guard (m): the map reaches 6 m at least.
 const STANDOFF_MAX_M: f64 = 5.0;
 
 /// The clearance that the vehicle needs.
