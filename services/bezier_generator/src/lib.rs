@@ -156,14 +156,9 @@ impl Generator {
                 across: None,
             }; PIECES_MAX];
             let count = specify(route, stretch, &mut specs);
-            match self.solver.solve(
-                &route.start,
-                &specs[..count],
-                &route.target.vector(),
-                &route.limits,
-                &mut self.curves,
-            ) {
-                Ok(()) => match self.append_curves(route, &specs[..count], out) {
+            let specs = &mut specs[..count];
+            match self.solve_straight(route, specs) {
+                Ok(()) => match self.append_curves(route, specs, out) {
                     Err(NoTrajectory::NotCertified) => failure = NoTrajectory::NotCertified,
                     result => return result,
                 },
@@ -171,6 +166,29 @@ impl Generator {
             }
         }
         Err(failure)
+    }
+
+    /// Solves for the pieces. Across which way one that brakes is bounded is known only when it is found: if that is not the way of
+    /// its guide, it is solved for once more.
+    fn solve_straight(&mut self, route: &Route, specs: &mut [PieceSpec<'_>]) -> Result<(), Infeasible> {
+        let target = route.target.vector();
+        self.solver
+            .solve(&route.start, specs, &target, &route.limits, &mut self.curves)?;
+        let most_mps2 = route.limits.across_mps2();
+        let is_bent = |(points, spec): (&[Vector3<f64>; QUINTIC], &PieceSpec<'_>)| {
+            let piece = BezierPiece::new(points, [0.0; QUINTIC], spec.duration_s);
+            spec.brakes && !piece.is_straight(most_mps2, &route.start)
+        };
+        if !self.curves.iter().zip(specs.iter()).any(is_bent) {
+            return Ok(());
+        }
+        for (points, spec) in self.curves.iter().zip(specs.iter_mut()) {
+            if spec.brakes {
+                spec.across = across(&(points[QUINTIC - 1] - points[0]));
+            }
+        }
+        self.solver
+            .solve(&route.start, specs, &target, &route.limits, &mut self.curves)
     }
 
     /// Appends the curves to `out`, or leaves it as it is if they are not certified.
@@ -660,6 +678,35 @@ mod tests {
                 prop_assert!(reached.yaw_rate_radps <= allowed(LIMITS.yaw_rate_radps), "{reached:?}");
                 prop_assert!(out.at(out.end()).unwrap().velocity.vector().norm() < 1e-6);
             }
+        }
+    }
+
+    #[test]
+    fn a_stop_beside_its_guide_is_found_at_the_second_try() {
+        let limits = MotionLimits {
+            speed_mps: 8.0,
+            acceleration_mps2: 3.9,
+            jerk_mps3: 9.4,
+            braking_mps2: 6.0,
+            braking_jerk_mps3: 20.0,
+            ..LIMITS
+        };
+        // Speed (m/s), first leg (m), bend (degrees), second leg over speed (s), half width of the corridor (m).
+        for (speed_mps, corner_m, bend_deg, long_s, side_m) in [
+            (5.0, 0.5, 20.0f64, 0.7, 1.0),
+            (5.0, 1.5, 40.0, 1.3, 0.5),
+            (6.0, 0.5, 20.0, 0.7, 3.0),
+            (6.0, 0.5, 30.0, 1.3, 3.0),
+        ] {
+            let (sin, cos) = bend_deg.to_radians().sin_cos();
+            let corner = Vector3::new(corner_m, 0.0, -2.5);
+            let end = corner + long_s * speed_mps * Vector3::new(cos, sin, 0.0);
+            let vertices = [Vector3::new(0.0, 0.0, -2.5), corner, end];
+            let mut route = route(&vertices, Vector3::new(speed_mps, 0.0, 0.0), side_m);
+            route.limits = limits;
+            let mut out = Trajectory::default();
+            let made = Generator::new(1).step(now(), &route, None, &mut out);
+            assert_eq!(made, Ok(()), "{speed_mps} {bend_deg}");
         }
     }
 }
