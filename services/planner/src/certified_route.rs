@@ -46,6 +46,9 @@ impl Planner {
             max_m: GUIDE_MAX_M,
             margin_m: limits.overshoot_m,
             stop_m: speed_mps * speed_mps / (2.0 * limits.acceleration_mps2),
+            velocity: departure.state.velocity.vector(),
+            acceleration_mps2: limits.acceleration_mps2,
+            jerk_mps3: limits.jerk_mps3,
         }
     }
 

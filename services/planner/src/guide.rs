@@ -14,6 +14,10 @@ const LEG_MIN_M: f64 = 0.7;
 /// A point of a proposed path that is nearer than this to the straight line between its neighbours is left out (m):
 /// each leg of a corridor has a polytope, and there are few of them.
 const STRAIGHT_M: f64 = 0.25;
+/// A motion turns within the first leg of its path if that changes its velocity by less than this (m/s), and at once if it has no
+/// more than this ahead (m).
+const LEAD_IN_MPS: f64 = 1.0;
+const LEAD_IN_MIN_M: f64 = 0.5;
 /// Legs shorter than this are rounding errors (m).
 const NEGLIGIBLE_M: f64 = 1e-3;
 
@@ -27,6 +31,10 @@ pub struct GuideLength {
     pub margin_m: f64,
     /// The length (m) in which a gentle stop is possible.
     pub stop_m: f64,
+    /// With which velocity it is begun (m/s), and how hard that may be turned (m/s2, m/s3).
+    pub velocity: Vector3<f64>,
+    pub acceleration_mps2: f64,
+    pub jerk_mps3: f64,
 }
 
 /// The straight legs of a path, first vertex = its start.
@@ -84,6 +92,7 @@ impl Guide {
             cut_to(&mut self.points, wanted_m);
         }
         self.pull_taut(space, tier);
+        self.lead_in(space, tier, length);
         self.split_long_legs(LEG_MAX_M);
         at_goal && self.vertices.len() <= CORRIDOR_POLYTOPES + 1 || {
             self.vertices.truncate(CORRIDOR_POLYTOPES + 1);
@@ -245,6 +254,36 @@ impl Guide {
         }
     }
 
+    /// Begins the guide straight on for as long as a turn into it takes, as far as that is safe, and as a way from there leads on.
+    fn lead_in(&mut self, space: &ConfigurationSpace, tier: usize, length: &GuideLength) {
+        let speed_mps = length.velocity.norm();
+        let [first, second, ..] = self.vertices[..] else {
+            return;
+        };
+        let change_mps = 2.0 * speed_mps * (0.5 * length.velocity.angle(&(second - first))).sin();
+        if change_mps.is_nan() || change_mps < LEAD_IN_MPS {
+            return;
+        }
+        let turn_s = change_mps / length.acceleration_mps2 + length.acceleration_mps2 / length.jerk_mps3;
+        let mut ahead_m = 0.5 * speed_mps * turn_s;
+        while ahead_m > LEAD_IN_MIN_M {
+            let ahead = first + length.velocity * (ahead_m / speed_mps);
+            ahead_m *= 0.7;
+            if !space.segment_is_safe(tier, &first, &ahead) {
+                continue;
+            }
+            let joins = |point: &Vector3<f64>| space.segment_is_safe(tier, &ahead, point);
+            let Some(next) = self.points.iter().rposition(joins).filter(|next| *next > 0) else {
+                continue;
+            };
+            // From where it joins the path on, that is pulled taut as before.
+            self.points.drain(..next);
+            self.pull_taut(space, tier);
+            self.vertices.splice(..0, [first, ahead]);
+            return;
+        }
+    }
+
     fn split_long_legs(&mut self, leg_max_m: f64) {
         self.points.clear();
         self.points.extend_from_slice(&self.vertices);
@@ -303,6 +342,9 @@ mod tests {
         max_m: 20.0,
         margin_m: 0.5,
         stop_m: 0.0,
+        velocity: Vector3::new(0.0, 0.0, 0.0),
+        acceleration_mps2: 1.0,
+        jerk_mps3: 2.0,
     };
 
     #[test]
@@ -429,5 +471,47 @@ mod tests {
         let start = Vector3::new(0.1, 0.1, 0.1);
         assert!(guide.build(&space, 0, &start, search.path(), Some(&goal), &LENGTH));
         assert_eq!(*guide.vertices().last().unwrap(), goal);
+    }
+
+    #[test]
+    fn a_guide_that_is_begun_at_speed_leads_straight_on_as_far_as_the_turn_needs_and_is_safe() {
+        // A wall 5 m ahead; the path leads to the left.
+        for (speed_mps, wall_m, is_led) in [
+            (0.0, 20.0, false),
+            (6.0, 20.0, true),
+            (6.0, 4.0, true),
+            (6.0, 1.2, false),
+        ] {
+            let space = space_of(&known_map(|p| p.x > wall_m));
+            let mut search = Search::default();
+            let query = SearchQuery {
+                tier: 1,
+                start: [0, 0, 0],
+                goal: [2, 40, 0],
+                z_range: (-5, 5),
+                height_cost: 0.5,
+            };
+            search.run(&space, &query).unwrap();
+            let start = center_of([0, 0, 0]).vector();
+            let length = GuideLength {
+                velocity: Vector3::new(speed_mps, 0.0, 0.0),
+                acceleration_mps2: 3.9,
+                jerk_mps3: 9.4,
+                ..LENGTH
+            };
+            let mut guide = Guide::default();
+            guide.build(&space, 1, &start, search.path(), None, &length);
+            let vertices = guide.vertices();
+            let first = vertices[1] - vertices[0];
+            assert_eq!(
+                first.x > 0.5 && first.y.abs() < 1e-9,
+                is_led,
+                "{speed_mps} {wall_m} {vertices:?}"
+            );
+            for pair in vertices.windows(2) {
+                assert!(space.segment_is_safe(1, &pair[0], &pair[1]), "{pair:?}");
+            }
+            assert!(vertices.last().unwrap().y > 6.0, "{vertices:?}");
+        }
     }
 }

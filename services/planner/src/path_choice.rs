@@ -117,6 +117,7 @@ impl Planner {
             // The reduced clearance is only for the path out of a narrow place.
             if self.space.narrow_tier() == Some(*flown)
                 || !self.can_begin(*flown, departure)
+                || !departure.is_within(self.limits[*flown].tube_m)
                 || !self.space.is_safe_at(*flown, &departure.state.position.vector())
             {
                 return false;
