@@ -7,6 +7,8 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::motion::{Trajectory, TrajectoryMode};
 use nalgebra::Vector3;
 
+/// How much nearer (m) from one such point to the next is none: rounding.
+const NEARER_M: f64 = 1e-6;
 /// Time between two checked points of the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
 
@@ -43,13 +45,24 @@ impl Planner {
             LAST_TIER
         };
         let mut time = now;
+        // What the vehicle is too near to already is left by going on, as long as that brings it no nearer.
+        let mut leaving_m = Some(0.0);
         loop {
             let Some(state) = committed.at(time) else {
                 return false;
             };
-            if self.is_hit(tier, &state.position.vector()) {
-                return true;
-            }
+            let place = state.position.vector();
+            leaving_m = match (leaving_m, self.is_hit(tier, &place)) {
+                (_, false) => None,
+                (None, true) => return true,
+                (Some(before_m), true) => {
+                    let away_m = self.space.hit_distance_m(tier, &place);
+                    if away_m < before_m {
+                        return true;
+                    }
+                    Some(away_m - NEARER_M)
+                }
+            };
             if time >= end {
                 return false;
             }

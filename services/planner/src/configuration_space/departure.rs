@@ -5,7 +5,7 @@ use super::cells::{cell_holding, cells_within};
 use super::{ConfigurationSpace, NarrowPlace};
 use crate::bit_layer::StructuringElement;
 use crate::speed_tiers::LAST_TIER;
-use jink_shared_types::map::Cell;
+use jink_shared_types::map::{CELL_M, Cell, center_of};
 use nalgebra::Vector3;
 
 /// An element as large as the clearance must not reach the cell that limits it, for rounding (m).
@@ -69,6 +69,21 @@ impl ConfigurationSpace {
     fn clearance_m(&self, cell: Cell, max_m: f64) -> f64 {
         let occupied = cells_within(cell, max_m).filter(|(there, _)| self.is_occupied(*there));
         occupied.fold(max_m, |min_m, (_, away_m)| min_m.min(away_m))
+    }
+
+    /// Distance from `place` (local, m) to the nearest point of an occupied cell, at most what `tier` keeps away from one (m).
+    pub fn hit_distance_m(&self, tier: usize, place: &Vector3<f64>) -> f64 {
+        let tube_m = self.radii_m[tier] - self.clearance.footprint_m;
+        let most_m = self.radii_m[tier].max(self.clearance.standoff_m + tube_m);
+        let occupied =
+            cells_within(cell_holding(place), most_m).filter(|(there, _)| self.is_occupied(*there));
+        let away_m = |there: Cell| {
+            let apart = (place - center_of(there).vector())
+                .abs()
+                .add_scalar(-0.5 * CELL_M);
+            apart.sup(&Vector3::zeros()).norm()
+        };
+        occupied.fold(most_m, |min_m, (there, _)| min_m.min(away_m(there)))
     }
 
     fn update_standoff_at(&mut self, place: &Vector3<f64>) {

@@ -363,6 +363,31 @@ fn a_new_obstacle_on_the_committed_way_is_evaded_or_stopped_for() {
 }
 
 #[test]
+fn a_hit_beside_the_vehicle_that_the_committed_way_leaves_behind_does_not_stop_it() {
+    let flown = flying_north(6.0);
+    let here_m = flown.trajectory.at(now()).unwrap().position.x_m;
+    // A cell within what the highest speed tier keeps away from: so far ahead, half a metre beside and above.
+    let leaves = |ahead_m: f64| {
+        let hit = Vector3::new(here_m + ahead_m, 0.5, -HEIGHT_M - 0.3);
+        let map = map(10.0, move |p| (p - hit).amax() < 0.1);
+        let route = answer(
+            &mut planner(),
+            Some(&map),
+            Some(&hovering()),
+            &to(60.0, 0.0),
+            Some(&flown),
+        );
+        route.must_leave.is_set()
+    };
+    assert!(
+        !leaves(-0.4),
+        "it lies behind, and what leads on brings the vehicle no nearer"
+    );
+    assert!(leaves(0.6), "it comes nearer");
+    assert!(leaves(2.0));
+}
+
+#[test]
 fn a_wall_out_of_nowhere_is_braked_for_and_reported() {
     let wall = map(11.0, |p| (p.x - 1.4).abs() < 0.2);
     let mut state = hovering();
