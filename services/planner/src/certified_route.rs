@@ -139,10 +139,9 @@ impl Planner {
             route.limits = route.limits.with_gentle_stop(&self.tracking);
         }
         if desired.mission_speed_mps.is_finite() {
-            route.limits.speed_mps = route
-                .limits
-                .speed_mps
-                .min(planned_mps(desired.mission_speed_mps.max(0.3)));
+            let asked_mps = desired.mission_speed_mps.max(0.3);
+            let planned_mps = planned_mps(asked_mps, route.limits.acceleration_mps2);
+            route.limits.speed_mps = route.limits.speed_mps.min(planned_mps);
         }
         route.target = route.guide[route.guide_len as usize - 1];
         let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();

@@ -46,6 +46,9 @@ const SHARE_OF_BRAKING: f64 = 0.8;
 /// ArduCopter); 0.24 m/s at 2 m/s (current PX4 in SITL). The share of the speed that is sent, and the most of it (m/s).
 /// The share covers PX4's 0.14 at 1 m/s; ArduCopter's 0.19 leaves it at 1.04 m/s of 1, where 1.1 is a violation.
 const CATCH_UP: (f64, f64) = (0.16, 0.26);
+/// Of plans that accelerate harder the most is so much times their acceleration (s): 0.50 m/s when 7.7 m/s were sent with 3.9 m/s2
+/// (emulated PX4 in OFFBOARD).
+const CATCH_UP_S: f64 = 0.13;
 
 /// Speed (m/s), acceleration (m/s2) and jerk (m/s3) on the way out of a place that is too narrow for a speed tier: by
 /// the law above the tracking error is 0.10 m at that acceleration, half of that in [`SLOW_TIER`].
@@ -54,7 +57,12 @@ const CREEP: (f64, f64, f64) = (0.4, 0.1, 1.0);
 /// The limits on the way out of a place that is too narrow for a speed tier.
 pub fn creep(params: &ParamSet, tracking: &Tracking) -> MotionLimits {
     let (speed_mps, acceleration_mps2, jerk_mps3) = CREEP;
-    limits(params, tracking, speed_mps, (acceleration_mps2, jerk_mps3))
+    limits(
+        params,
+        tracking,
+        (speed_mps, f64::INFINITY),
+        (acceleration_mps2, jerk_mps3),
+    )
 }
 
 /// The limits of every speed tier, fastest first, of an autopilot that follows as `tracking` says.
@@ -64,16 +72,17 @@ pub fn speed_tiers(params: &ParamSet, tracking: &Tracking) -> [MotionLimits; TIE
         limits(
             params,
             tracking,
-            (share * speed_max_mps).min(planned_mps(speed_max_mps)),
+            (share * speed_max_mps, speed_max_mps),
             (acceleration_mps2, jerk_mps3),
         )
     })
 }
 
-/// The greatest speed (m/s) of a plan for a vehicle that may fly `allowed_mps` (m/s): with it, the vehicle stays below
-/// that while it catches up with its setpoints.
-pub fn planned_mps(allowed_mps: f64) -> f64 {
+/// The greatest speed (m/s) of a plan that accelerates by `acceleration_mps2` (m/s2) at most, for a vehicle that may fly
+/// `allowed_mps` (m/s): with it, the vehicle stays below that while it catches up with its setpoints.
+pub fn planned_mps(allowed_mps: f64, acceleration_mps2: f64) -> f64 {
     let (share, most_mps) = CATCH_UP;
+    let most_mps = most_mps.max(CATCH_UP_S * acceleration_mps2);
     (allowed_mps / (1.0 + share)).max(allowed_mps - most_mps)
 }
 
@@ -85,15 +94,21 @@ pub fn reached_mps(limits: &MotionLimits, length_m: f64) -> f64 {
     speed_mps.min(limits.speed_mps)
 }
 
-/// The limits within the tube that the loosest autopilot needs for `loose`: acceleration (m/s2) and jerk (m/s3).
-fn limits(params: &ParamSet, tracking: &Tracking, speed_mps: f64, loose: (f64, f64)) -> MotionLimits {
-    let (loose_mps2, loose_mps3) = loose;
+/// The limits within the tube that the loosest autopilot needs for `loose`: acceleration (m/s2) and jerk (m/s3); of plans with the first
+/// of two speeds (m/s), for a vehicle that may fly the second.
+fn limits(
+    params: &ParamSet,
+    tracking: &Tracking,
+    (speed_mps, allowed_mps): (f64, f64),
+    (loose_mps2, loose_mps3): (f64, f64),
+) -> MotionLimits {
     let tube_m = Tracking::PX4_TRAJECTORY.tube_m(loose_mps2);
     let acceleration_mps2 = tracking
         .acceleration_mps2(tube_m)
         .min(SHARE_OF_BRAKING * tracking.braking_mps2);
     let jerk_mps3 =
         (loose_mps3 * acceleration_mps2 / loose_mps2).min(SHARE_OF_BRAKING * tracking.braking_jerk_mps3);
+    let speed_mps = speed_mps.min(planned_mps(allowed_mps, acceleration_mps2));
     let (braking_mps2, braking_jerk_mps3) = tracking.shortest_stop(speed_mps, (acceleration_mps2, jerk_mps3));
     MotionLimits {
         speed_mps,
@@ -112,7 +127,7 @@ fn limits(params: &ParamSet, tracking: &Tracking, speed_mps: f64, loose: (f64, f
 
 #[cfg(test)]
 mod tests {
-    use super::{CATCH_UP, SHARE_OF_BRAKING, TABLE, planned_mps, reached_mps, speed_tiers};
+    use super::{CATCH_UP, CATCH_UP_S, SHARE_OF_BRAKING, TABLE, planned_mps, reached_mps, speed_tiers};
     use jink_shared_types::motion::{REPLANNED_S, stopping_distance_m};
     use jink_shared_types::params::ParamSet;
     use jink_shared_types::tracking::Tracking;
@@ -171,15 +186,20 @@ mod tests {
         for allowed_mps in [0.3, 0.5, 1.0, 1.88, 2.0, 3.0, 8.0, 20.0] {
             let mut params = ParamSet::default();
             params.set("OA_SPD_MAX", allowed_mps).unwrap();
-            let planned = planned_mps(allowed_mps);
-            assert!(
-                planned > 0.8 * allowed_mps && planned < allowed_mps,
-                "{allowed_mps}"
-            );
-            let caught_up_mps = planned + (share * planned).min(most_mps);
-            assert!((caught_up_mps - allowed_mps).abs() < 1e-9, "{allowed_mps}");
-            for limits in speed_tiers(&params, &Tracking::PX4_OFFBOARD) {
-                assert!(limits.speed_mps <= planned + 1e-9);
+            for tracking in ALL {
+                let tiers = speed_tiers(&params, &tracking);
+                let acceleration_mps2 = tiers[0].acceleration_mps2;
+                let planned = planned_mps(allowed_mps, acceleration_mps2);
+                assert!(
+                    planned > 0.8 * allowed_mps && planned < allowed_mps,
+                    "{allowed_mps}"
+                );
+                let most_mps = most_mps.max(CATCH_UP_S * acceleration_mps2);
+                let caught_up_mps = planned + (share * planned).min(most_mps);
+                assert!((caught_up_mps - allowed_mps).abs() < 1e-9, "{allowed_mps}");
+                for limits in tiers {
+                    assert!(limits.speed_mps <= planned + 1e-9);
+                }
             }
         }
     }

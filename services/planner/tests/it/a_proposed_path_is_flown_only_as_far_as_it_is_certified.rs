@@ -273,7 +273,7 @@ fn a_requested_speed_slows_and_never_speeds_up() {
         assert!(answer.unwrap().verdict.get().is_flown(), "{answer:?}");
         route
     };
-    let top_mps = planned_mps(3.0);
+    let top_mps = planned_mps(3.0, 1.04);
     assert_eq!(fly(0.0, 0.0).limits.speed_mps, top_mps);
     assert_eq!(fly(50.0, 0.0).limits.speed_mps, top_mps);
     assert_eq!(fly(1.2, 0.0).limits.speed_mps, 1.2);
