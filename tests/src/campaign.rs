@@ -13,6 +13,7 @@ use crate::suite::difficulty::Difficulty;
 use crate::suite::hindrance::Hindrance;
 use crate::suite::judge::Judge;
 use crate::suite::picture::Course;
+use jink_control::speed_limit::SpeedLimit;
 use jink_emulated_ground_station::{Ending, FlightPlan, Outcome};
 use jink_emulated_px4::Px4Config;
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
@@ -28,6 +29,7 @@ use jink_simulated_world::world::{World, WorldKind, WorldSpec};
 use jink_simulator::autopilot::AutopilotConfig;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::time::Instant;
 use variation::Variation;
 
@@ -148,6 +150,9 @@ pub struct FlightReport {
     pub mean_speed_mps: f64,
     /// Top speed (m/s).
     pub top_speed_mps: f64,
+    /// Way not flown for being slower than allowed (m), by what limited the speed then.
+    #[serde(default)]
+    pub lost_m: BTreeMap<String, f64>,
     /// The speed that plans reach (m/s), if that is less than what is allowed.
     pub speed_cut_mps: Option<f64>,
     /// Way flown in the mission (m).
@@ -338,7 +343,7 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
     while flight.outcome().is_none() && !watched.is_over(cell) {
         hindrance.step(&mut flight);
         flight.step();
-        watched.look(&flight, &world, flown);
+        watched.look(&flight, &world, flown, cell.speed_mps);
     }
     let truth = flight.truth();
     let outcome = watched.outcome(&flight, cell);
@@ -376,6 +381,11 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
         min_clearance_m: truth.min_clearance_m,
         mean_speed_mps: truth.cruise_m / truth.cruise_s.max(1e-9),
         top_speed_mps: watched.top_speed_mps,
+        lost_m: watched
+            .lost_m
+            .into_iter()
+            .map(|(cause, m)| (cause.to_owned(), m))
+            .collect(),
         speed_cut_mps: speed_cut_mps(&flight),
         path_m: truth.cruise_m,
         path_ratio: truth.cruise_m / straight_m,
@@ -407,6 +417,8 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
 const UNCERTIFIED_FOR_S: f64 = 5.0;
 /// A vehicle at rest for this long does not go on (s).
 const STANDS_S: f64 = 10.0;
+/// A step (s).
+const STEP_S: f64 = 0.004;
 /// In a suite nobody waits for it longer than this (s).
 const AWAITED_S: f64 = 60.0;
 
@@ -416,6 +428,7 @@ struct Watched {
     judge: Judge,
     course: Course,
     top_speed_mps: f64,
+    lost_m: BTreeMap<&'static str, f64>,
     still_s: f64,
     steps: u64,
     is_refused: bool,
@@ -432,6 +445,7 @@ impl Watched {
             judge: Judge::new(),
             course: Course::default(),
             top_speed_mps: 0.0,
+            lost_m: BTreeMap::new(),
             still_s: 0.0,
             steps: 0,
             is_refused: false,
@@ -441,7 +455,7 @@ impl Watched {
         }
     }
 
-    fn look(&mut self, flight: &LockStep, world: &World, flown: &[NavMode]) {
+    fn look(&mut self, flight: &LockStep, world: &World, flown: &[NavMode], allowed_mps: f64) {
         self.is_refused = flight.count(&events::SENSORS_UNFIT) > 0 && flight.truth().cruise_s == 0.0;
         self.steps += 1;
         self.judge.look(flight, world);
@@ -456,10 +470,13 @@ impl Watched {
         }
         if flown.contains(&truth.mode.get()) {
             self.top_speed_mps = self.top_speed_mps.max(speed_mps);
+            let limit = SpeedLimit::of(flight.route(), flight.approved(), flight.now());
+            let cause = limit.map_or("no trajectory", |limit| limit.cause.words());
+            *self.lost_m.entry(cause).or_default() += (allowed_mps - speed_mps).max(0.0) * STEP_S;
         }
         // In the air or landed where it was not to.
         self.still_s = if truth.cruise_s > 0.0 && speed_mps < 0.1 {
-            self.still_s + 0.004
+            self.still_s + STEP_S
         } else {
             0.0
         };

@@ -1,8 +1,11 @@
-//! The limit of the speed in force, and its cause: what is allowed, known space, the room, the end of the trajectory, a stop, a brake.
+//! The limit of the speed in force, and its cause: what is allowed, known space, the goal, the room, the end of the trajectory, a stop, a
+//! brake.
 
 use crate::planned_speed::PlannedSpeed;
 use jink_shared_types::Timestamp;
-use jink_shared_types::motion::{ApprovedTrajectory, Route, TrajectoryMode, Verdict};
+use jink_shared_types::motion::{
+    ApprovedTrajectory, REPLANNED_S, Route, Trajectory, TrajectoryMode, Verdict, stoppable_speed_mps,
+};
 
 /// Speeds that differ by less are shown as the same: two of one decimal (m/s).
 const SPEED_SLACK_MPS: f64 = 0.06;
@@ -23,6 +26,8 @@ pub enum Cause {
     Allowed,
     /// Plans end at rest in known space, braking no harder than the vehicle follows.
     KnownSpace,
+    /// The vehicle is to rest at the goal.
+    Goal,
     /// The corridor is narrow: what moves slower is followed more closely.
     Room,
     /// What is approved ends, and nothing new is certified yet.
@@ -35,9 +40,10 @@ pub enum Cause {
 
 impl Cause {
     /// Every cause.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Allowed,
         Self::KnownSpace,
+        Self::Goal,
         Self::Room,
         Self::Ends,
         Self::Stop,
@@ -49,6 +55,7 @@ impl Cause {
         match self {
             Self::Allowed => "what is allowed",
             Self::KnownSpace => "the way to rest in known space",
+            Self::Goal => "the way to rest at the goal",
             Self::Room => "the room here",
             Self::Ends => "the end of what is approved",
             Self::Stop => "a certified stop",
@@ -84,13 +91,15 @@ impl SpeedLimit {
             ..
         } = planned;
         let room_mps = trajectory.limits.speed_mps;
+        let held_mps = held_mps(trajectory, now);
         let (cause, limit_mps) = match trajectory.mode.get() {
             TrajectoryMode::Stop => (Cause::Stop, room_mps),
             TrajectoryMode::Brake => (Cause::Brake, room_mps),
             _ if ends_in_s < SOON_S => (Cause::Ends, room_mps),
             _ if room_mps < reached_mps - SPEED_SLACK_MPS => (Cause::Room, room_mps),
-            _ if reached_mps < allowed_mps - SPEED_SLACK_MPS => (Cause::KnownSpace, reached_mps),
-            _ => (Cause::Allowed, allowed_mps),
+            _ if held_mps >= room_mps - SPEED_SLACK_MPS => (Cause::Allowed, allowed_mps),
+            _ if trajectory.reaches_goal.is_set() => (Cause::Goal, held_mps),
+            _ => (Cause::KnownSpace, held_mps),
         };
         Some(Self {
             cause,
@@ -111,7 +120,9 @@ impl SpeedLimit {
         let plans = format!("plans reach {reached_mps:.1} of {allowed_mps:.1} m/s");
         match self.cause {
             Cause::Allowed => format!("limited by {words}: {allowed_mps:.1} m/s"),
-            Cause::KnownSpace => format!("limited by {words}: {plans}"),
+            Cause::KnownSpace | Cause::Goal => {
+                format!("limited to {:.1} m/s by {words}; {plans}", self.limit_mps)
+            }
             Cause::Room => format!("limited to {:.1} m/s by {words}; {plans}", self.limit_mps),
             Cause::Ends => format!(
                 "it comes to rest in {:.1} s unless a new plan is certified",
@@ -123,11 +134,19 @@ impl SpeedLimit {
     }
 }
 
+/// The speed (m/s) at which the vehicle can wait for the next plan and still come to rest at the end of `trajectory`.
+fn held_mps(trajectory: &Trajectory, now: Timestamp) -> f64 {
+    let limits = &trajectory.limits;
+    let [braking_mps2, jerk_mps3] =
+        [limits.braking_mps2, limits.braking_jerk_mps3].map(|limit| limit.max(1e-3));
+    stoppable_speed_mps(trajectory.way_left_m(now), REPLANNED_S, braking_mps2, jerk_mps3)
+}
+
 #[cfg(test)]
 mod tests {
     use super::{Cause, SpeedLimit};
     use jink_shared_types::Timestamp;
-    use jink_shared_types::coded::Coded;
+    use jink_shared_types::coded::{Coded, Flag};
     use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Route, TrajectoryMode, Verdict};
     use jink_shared_types::tracking::Tracking;
 
@@ -166,6 +185,16 @@ mod tests {
         let (cause, text) = at(&approved, 10.0).unwrap();
         assert_eq!(cause, Cause::KnownSpace);
         assert!(text.contains("plans reach 2.5 of 3.0 m/s"), "{text}");
+        approved.trajectory.reaches_goal = Flag::YES;
+        assert_eq!(at(&approved, 10.0).unwrap().0, Cause::Goal);
+        for (i, place) in approved.trajectory.pieces[0].position.iter_mut().enumerate() {
+            place.x_m = 8.0 * i as f64 / 5.0;
+        }
+        approved.trajectory.limits.braking_mps2 = 6.0;
+        approved.trajectory.limits.braking_jerk_mps3 = 20.0;
+        let (cause, text) = at(&approved, 10.0).unwrap();
+        assert_eq!(cause, Cause::Allowed, "8 m are enough to stop from 3 m/s");
+        assert_eq!(text, "limited by what is allowed: 3.0 m/s");
         approved.trajectory.mode = Coded::new(TrajectoryMode::Brake);
         assert_eq!(at(&approved, 10.0).unwrap().0, Cause::Brake);
         approved.verdict = Coded::new(Verdict::Hold);

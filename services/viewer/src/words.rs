@@ -161,7 +161,7 @@ impl Facts<'_> {
     fn speed(&self) -> Option<Line> {
         let limit = SpeedLimit::of(self.route?, self.approved?, self.now)?;
         let weight = match limit.cause {
-            Cause::Allowed | Cause::KnownSpace => Weight::Good,
+            Cause::Allowed | Cause::KnownSpace | Cause::Goal => Weight::Good,
             Cause::Room | Cause::Ends | Cause::Stop => Weight::Note,
             Cause::Brake => Weight::Warning,
         };

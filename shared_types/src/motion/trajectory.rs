@@ -104,6 +104,26 @@ impl Trajectory {
         self.start.plus_seconds(self.duration_s())
     }
 
+    /// Distance that it takes from `now` to rest (m).
+    pub fn way_left_m(&self, now: Timestamp) -> f64 {
+        /// Enough for a comparison: chords of a quintic piece are less than one percent shorter than its path.
+        const CHORDS: u32 = 16;
+        let mut skip_s = now.seconds_since(self.start).max(0.0);
+        let mut way_m = 0.0;
+        for piece in self.pieces() {
+            let begin_s = skip_s.min(piece.duration_s);
+            skip_s -= begin_s;
+            let mut last = piece.at(begin_s).position.vector();
+            for chord in 1..=CHORDS {
+                let t_s = begin_s + (piece.duration_s - begin_s) * f64::from(chord) / f64::from(CHORDS);
+                let next = piece.at(t_s).position.vector();
+                way_m += (next - last).norm();
+                last = next;
+            }
+        }
+        way_m
+    }
+
     /// The reference at `time`: the start before it begins, rest at the end after it. `None` without pieces.
     pub fn at(&self, time: Timestamp) -> Option<MotionState> {
         let last = self.pieces().last()?;

@@ -2,6 +2,7 @@
 
 use super::{FlightOutcome, FlightReport, percentiles};
 use crate::suite::anchors::{self, Anchor};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -118,6 +119,9 @@ pub fn summary(reports: &[&FlightReport], wall_s: f64) -> String {
             first.speed_mps
         ));
     }
+    if let Some(words) = lost(reports) {
+        line(words);
+    }
     let sum = |value: fn(&FlightReport) -> usize| reports.iter().map(|report| value(report)).sum::<usize>();
     line(format!("guard brakes     {}", sum(|r| r.guard_brakes as usize)));
     line(format!("ways blocked     {}", sum(|r| r.commitments_changed)));
@@ -138,6 +142,21 @@ pub fn summary(reports: &[&FlightReport], wall_s: f64) -> String {
     line(format!("hash             {:016x}", hash(reports)));
     line(format!("wall time        {wall_s:.1} s"));
     text
+}
+
+/// What limited the speed: by the way that was not flown for being slower than allowed, most of it first.
+fn lost(reports: &[&FlightReport]) -> Option<String> {
+    let mut by_cause: BTreeMap<&str, f64> = BTreeMap::new();
+    for (cause, m) in reports.iter().flat_map(|report| &report.lost_m) {
+        *by_cause.entry(cause).or_default() += m;
+    }
+    let all_m: f64 = by_cause.values().sum();
+    let mut causes: Vec<_> = by_cause.into_iter().collect();
+    causes.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let shares = causes
+        .iter()
+        .map(|(cause, m)| format!("{cause} {:.0} %", 100.0 * m / all_m));
+    (all_m > 0.0).then(|| format!("slower by        {}", shares.collect::<Vec<_>>().join(", ")))
 }
 
 fn difficulty(reports: &[&FlightReport]) -> Option<String> {

@@ -376,8 +376,7 @@ impl Guard {
         }
         let id = GUARD_MADE | (u64::from(self.generation) << 32) | u64::from(self.brakes);
         brake::brake(&self.active, now, &self.braking(), id, &mut self.draft);
-        if remaining_distance_m(&self.draft, now) > BRAKE_MAX_SHARE * remaining_distance_m(&self.active, now)
-        {
+        if self.draft.way_left_m(now) > BRAKE_MAX_SHARE * self.active.way_left_m(now) {
             return;
         }
         self.brakes = self.brakes.wrapping_add(1);
@@ -421,24 +420,4 @@ fn is_near(reference: &MotionState, state: &VehicleState) -> bool {
     let error_m = (reference.position.vector() - state.position.vector()).norm();
     let error_mps = (reference.velocity.vector() - state.velocity.vector()).norm();
     error_m <= START_ERROR_M + START_ERROR_S * speed_mps && error_mps <= START_ERROR_MPS
-}
-
-/// Distance that `trajectory` takes from `now` to rest (m).
-fn remaining_distance_m(trajectory: &Trajectory, now: Timestamp) -> f64 {
-    /// Enough for a comparison: chords of a quintic piece are less than one percent shorter than its path.
-    const CHORDS: u32 = 16;
-    let mut skip_s = now.seconds_since(trajectory.start).max(0.0);
-    let mut way_m = 0.0;
-    for piece in trajectory.pieces() {
-        let begin_s = skip_s.min(piece.duration_s);
-        skip_s -= begin_s;
-        let mut last = piece.at(begin_s).position.vector();
-        for chord in 1..=CHORDS {
-            let t_s = begin_s + (piece.duration_s - begin_s) * f64::from(chord) / f64::from(CHORDS);
-            let next = piece.at(t_s).position.vector();
-            way_m += (next - last).norm();
-            last = next;
-        }
-    }
-    way_m
 }
