@@ -156,7 +156,7 @@ fn lost(reports: &[&FlightReport]) -> Option<String> {
     let shares = causes
         .iter()
         .map(|(cause, m)| format!("{cause} {:.0} %", 100.0 * m / all_m));
-    (all_m > 0.0).then(|| format!("slower by        {}", shares.collect::<Vec<_>>().join(", ")))
+    (all_m > 0.0).then(|| format!("slower by        {}", shares.collect::<Vec<_>>().join("; ")))
 }
 
 fn difficulty(reports: &[&FlightReport]) -> Option<String> {
