@@ -120,10 +120,9 @@ impl SpeedLimit {
         let plans = format!("plans reach {reached_mps:.1} of {allowed_mps:.1} m/s");
         match self.cause {
             Cause::Allowed => format!("limited by {words}: {allowed_mps:.1} m/s"),
-            Cause::KnownSpace | Cause::Goal => {
+            Cause::KnownSpace | Cause::Goal | Cause::Room => {
                 format!("limited to {:.1} m/s by {words}; {plans}", self.limit_mps)
             }
-            Cause::Room => format!("limited to {:.1} m/s by {words}; {plans}", self.limit_mps),
             Cause::Ends => format!(
                 "it comes to rest in {:.1} s unless a new plan is certified",
                 self.ends_in_s
@@ -137,6 +136,7 @@ impl SpeedLimit {
 /// The speed (m/s) at which the vehicle can wait for the next plan and still come to rest at the end of `trajectory`.
 fn held_mps(trajectory: &Trajectory, now: Timestamp) -> f64 {
     let limits = &trajectory.limits;
+    // A recording may hold a trajectory without these limits.
     let [braking_mps2, jerk_mps3] =
         [limits.braking_mps2, limits.braking_jerk_mps3].map(|limit| limit.max(1e-3));
     stoppable_speed_mps(trajectory.way_left_m(now), REPLANNED_S, braking_mps2, jerk_mps3)

@@ -27,7 +27,7 @@ use nalgebra::Vector3;
 const FREE_CELLS_TO_STOP: u32 = 3;
 
 /// A ray's parameter runs from 0 to this number, as an integer: additions and comparisons of integers have the lowest
-/// latency. 2^40 steps over at most 30 m place a crossing to within 1e-11 m.
+/// latency. 2^40 steps over at most 18 m place a crossing to within 2e-11 m.
 const PARAMETER_ONE: f64 = (1u64 << 40) as f64;
 
 /// Parameter of a crossing that does not exist: far above every other, and far from overflow when steps are added.

@@ -81,8 +81,8 @@ use start_bubble::StartBubble;
 use transient_hits::{LidarView, TransientHits};
 use window::MapWindow;
 
-/// The window's middle lies ahead of the vehicle by what it flies in this time (s), at most this far (m): what is ahead is
-/// where plans lead, and behind it half of the window is left.
+/// The window's middle lies ahead of the vehicle by its flight of this time (s), at most this far (m): plans lead ahead, and 6 m of the
+/// window stay behind the vehicle.
 const AHEAD_S: f64 = 1.0;
 const AHEAD_MAX_M: f64 = 6.0;
 
@@ -181,7 +181,7 @@ pub struct Fusion {
     frames: u64,
 }
 
-/// Where the middle of the window belongs.
+/// The place for the middle of the window.
 fn middle_of_window(state: &VehicleState) -> Point<LocalNed> {
     let mut ahead = AHEAD_S * state.velocity.vector();
     ahead.z = 0.0;

@@ -7,10 +7,10 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::motion::{Trajectory, TrajectoryMode};
 use nalgebra::Vector3;
 
-/// How much nearer (m) from one such point to the next is none: rounding.
-const NEARER_M: f64 = 1e-6;
 /// Time between two checked points of the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
+/// Coming nearer by less than this (m) from one of these points to the next is rounding.
+const NEARER_M: f64 = 1e-6;
 
 impl Planner {
     /// Whether the last plan on this map is being flown: the near part of it may still be too close to the obstacle

@@ -18,10 +18,12 @@ const STRAIGHT_M: f64 = 0.25;
 /// more than this ahead (m).
 const LEAD_IN_MPS: f64 = 1.0;
 const LEAD_IN_MIN_M: f64 = 0.5;
+/// Where a straight beginning is not safe, or no path leads on from its end, one shorter by this factor is tried: seven in all from 6 m.
+const LEAD_IN_SHORTER: f64 = 0.7;
 /// Legs shorter than this are rounding errors (m).
 const NEGLIGIBLE_M: f64 = 1e-3;
 
-/// How long a guide may be, and what it needs at its end.
+/// How long a guide may be, what it needs at its end, and the motion at its start.
 #[derive(Clone, Copy, Debug)]
 pub struct GuideLength {
     /// The longest (m).
@@ -31,9 +33,11 @@ pub struct GuideLength {
     pub margin_m: f64,
     /// The length (m) in which a gentle stop is possible.
     pub stop_m: f64,
-    /// With which velocity it is begun (m/s), and how hard that may be turned (m/s2, m/s3).
+    /// The velocity at its start (local NED, m/s).
     pub velocity: Vector3<f64>,
+    /// The acceleration (m/s2) that a turn may take.
     pub acceleration_mps2: f64,
+    /// The jerk (m/s3) that a turn may take.
     pub jerk_mps3: f64,
 }
 
@@ -254,7 +258,8 @@ impl Guide {
         }
     }
 
-    /// Begins the guide straight on for as long as a turn into it takes, as far as that is safe, and as a way from there leads on.
+    /// Puts a straight leg along the present velocity in front, as long as the turn into the path takes: shorter where that is not safe
+    /// or has no safe way to the path, none where even the shortest has not.
     fn lead_in(&mut self, space: &ConfigurationSpace, tier: usize, length: &GuideLength) {
         let speed_mps = length.velocity.norm();
         let [first, second, ..] = self.vertices[..] else {
@@ -268,7 +273,7 @@ impl Guide {
         let mut ahead_m = 0.5 * speed_mps * turn_s;
         while ahead_m > LEAD_IN_MIN_M {
             let ahead = first + length.velocity * (ahead_m / speed_mps);
-            ahead_m *= 0.7;
+            ahead_m *= LEAD_IN_SHORTER;
             if !space.segment_is_safe(tier, &first, &ahead) {
                 continue;
             }
@@ -475,7 +480,7 @@ mod tests {
 
     #[test]
     fn a_guide_that_is_begun_at_speed_leads_straight_on_as_far_as_the_turn_needs_and_is_safe() {
-        // A wall 5 m ahead; the path leads to the left.
+        // A wall across; the path leads along it.
         for (speed_mps, wall_m, is_led) in [
             (0.0, 20.0, false),
             (6.0, 20.0, true),

@@ -45,7 +45,7 @@ pub struct LookaheadDemand {
     pub horizon_s: f64,
     /// Whether places in the field of view of a sensor that no longer answers count as unseen.
     pub loss_counts: bool,
-    /// Whether nothing hangs above what is free, as the user declares.
+    /// Whether the user declares that space above a free place is free.
     pub no_overhang: bool,
 }
 

@@ -87,8 +87,8 @@ pub struct GuardConfig {
     pub delay_s: f64,
     /// Standoff: distance between the vehicle's centre and any obstacle (m), where that is more than radius and margin.
     pub standoff_m: f64,
-    /// The user declares that nothing hangs above what is free; it counts where a trajectory depends on it, and so no longer
-    /// than the map believes it.
+    /// The user declares that space above a free place is free. The declaration counts for trajectories that depend on it, so it ends
+    /// when the map drops it.
     pub no_overhang: bool,
 }
 

@@ -65,7 +65,7 @@ impl<'a> RingQuery<'a> {
     }
 
     /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen
-    /// with `clearance_m` around it. `no_overhang`: nothing hangs above what is free there.
+    /// with `clearance_m` around it. `no_overhang`: space above a free place counts as free.
     pub fn visibility(
         &self,
         place_m: [f64; 2],

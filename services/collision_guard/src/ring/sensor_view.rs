@@ -30,7 +30,7 @@ pub struct ViewSector {
     pub near_m2: f32,
     /// Squared horizontal distance up to which a ray found it free (m2); zero for unknown.
     pub known_m2: f32,
-    /// The same where nothing hangs above what is free (m2): not less.
+    /// The same with rays that leave the height band through its bottom (m2), where space above a free place counts as free: not less.
     pub under_m2: f32,
     /// When it was measured.
     pub seen: Timestamp,
@@ -50,7 +50,7 @@ impl ViewSector {
         self.near_m2.min(self.known_m2)
     }
 
-    /// The same, `no_overhang`: where nothing hangs above what is free.
+    /// The same; `no_overhang`: space above a free place counts as free.
     fn free_under_m2(&self, no_overhang: bool) -> f32 {
         match no_overhang {
             true => self.near_m2.min(self.under_m2),
@@ -132,7 +132,7 @@ impl SensorView {
             .map(|hit| (self.local(hit.level_m), hit.seen))
     }
 
-    /// Whether this view saw the place (north, east) to be free; `no_overhang`: nothing hangs above what is.
+    /// Whether this view saw the place (north, east) to be free; `no_overhang`: space above a free place counts as free.
     pub fn admits(&self, place_m: [f64; 2], no_overhang: bool) -> bool {
         let [forward, right] = self.level(place_m);
         let distance_m2 = forward * forward + right * right;

@@ -11,8 +11,8 @@
 //! chord of that arc misses it by at most 0.1^2 / 8 of the range, 1 cm at 10 m.
 //!
 //! A ray determines how far its sector is free: horizontally, as long as the ray stays inside the height band. A ray
-//! that leaves the band through its top or bottom says nothing about what is beyond. Where the user declares that nothing
-//! hangs above what is free, one that leaves it through its bottom does.
+//! that leaves the band through its top or bottom says nothing about what is beyond. Where the user declares that space
+//! above a free place is free, a ray that leaves the band through its bottom does.
 //!
 //! A hundred thousand points have to pass in half a millisecond, 12 cycles each. So rays are taken in blocks, each step
 //! is a loop without branches over plain arrays, which the compiler turns into vector instructions, and only the last
@@ -160,7 +160,7 @@ struct NearestHit {
 struct FarthestRay {
     m2: f32,
     share: f32,
-    /// The farthest of those that may leave the band through its bottom.
+    /// The farthest of rays that may leave the band through its bottom (m2).
     under_m2: f32,
 }
 
@@ -315,7 +315,7 @@ impl RayBlock {
     }
 
     /// Per ray: the sector's bin, the squared distance if it is an obstacle, the squared range it knows to be free, and that
-    /// where nothing hangs above what is free.
+    /// where space above a free place is free.
     fn measure(&mut self, sweep: &SweepTransform) {
         let band = sweep.band_m;
         for i in 0..BLOCK {

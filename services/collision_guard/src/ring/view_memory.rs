@@ -96,7 +96,7 @@ impl ViewMemory {
     }
 
     /// Whether a view of the last [`VIEW_LIFETIME_S`] seconds, taken within `band_half_m` of the height `down_m`, saw
-    /// the place (north, east) free with `clearance_m` around it; `no_overhang`: nothing hangs above what is free.
+    /// the place (north, east) free with `clearance_m` around it; `no_overhang`: space above a free place counts as free.
     pub fn admits(
         &self,
         now: Timestamp,

@@ -425,7 +425,8 @@ fn a_parameter_changed_in_flight_counts_from_the_next_plan_and_nothing_is_forgot
     let next = answer(&mut planner, Some(&map), Some(&hovering()), &to(8.0, 0.0), None);
     assert_eq!(next.mode.get(), RouteMode::Plan);
     let speeds_mps = (first.limits.speed_mps, next.limits.speed_mps);
-    assert_eq!(speeds_mps, (planned_mps(3.0, 1.04), planned_mps(1.5, 1.04)));
+    let planned_mps = |allowed_mps| planned_mps(allowed_mps, first.limits.acceleration_mps2);
+    assert_eq!(speeds_mps, (planned_mps(3.0), planned_mps(1.5)));
     assert_eq!((first.goal.z_m, next.goal.z_m), (-HEIGHT_M, -2.0));
     assert_eq!(next.id, first.id + 1, "the routes are numbered on");
 }
