@@ -293,13 +293,18 @@ impl ConfigurationSpace {
     /// [`Self::is_hit`] for the whole window: near its border a hit may belong to something at the opposite side,
     /// because cells are addressed modulo the window's size. Such cells do not count.
     pub fn is_hit_inside(&self, tier: usize, cell: Cell) -> bool {
-        let tube_m = self.radii_m[tier] - self.clearance.footprint_m;
-        let level_m = self.radii_m[tier].max(self.clearance.standoff_m + tube_m);
+        let level_m = self.hit_reach_m(tier);
         let height_m = self.radii_m[tier].max(self.clearance.band_half_m);
         let cell_m = self.cell_m(tier);
         let reach = [level_m, level_m, height_m].map(|reach_m| (reach_m / cell_m).ceil() as i32 + 1);
         let ends = [-1, 1].map(|side| std::array::from_fn(|axis| cell[axis] + side * reach[axis]));
         self.is_hit(tier, cell) && ends.into_iter().all(|end| self.holds(tier, end))
+    }
+
+    /// Horizontal distance (m) that `tier` keeps from an occupied cell: its radius, or the standoff and the tube.
+    fn hit_reach_m(&self, tier: usize) -> f64 {
+        let tube_m = self.radii_m[tier] - self.clearance.footprint_m;
+        self.radii_m[tier].max(self.clearance.standoff_m + tube_m)
     }
 
     /// Radius that holds the whole vehicle, with the errors of the map (m).

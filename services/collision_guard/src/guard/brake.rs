@@ -49,20 +49,23 @@ impl Braking {
     /// vehicle runs for braking harder than is counted on in any case (m).
     pub fn shortest(&self, speed_mps: f64, jerk_mps3: f64) -> (BrakeLimits, f64) {
         let (least_mps2, most_mps2) = self.range_mps2;
-        let known = self.tracking.map(|tracking| {
-            let (deceleration_mps2, jerk_mps3) = tracking.shortest_stop(speed_mps, (least_mps2, jerk_mps3));
-            (deceleration_mps2.min(most_mps2), jerk_mps3)
-        });
-        let (deceleration_mps2, jerk_mps3) = known.unwrap_or((least_mps2, jerk_mps3));
-        let harder_mps2 = (deceleration_mps2 - least_mps2).max(0.0);
-        let overshoot_m = self
-            .tracking
-            .map_or(0.0, |tracking| tracking.overshoot_m(harder_mps2));
+        let Some(tracking) = self.tracking else {
+            let limits = BrakeLimits {
+                deceleration_mps2: least_mps2,
+                jerk_mps3,
+            };
+            return (limits, 0.0);
+        };
+        let (hardest_mps2, jerk_mps3) = tracking.shortest_stop(speed_mps, (least_mps2, jerk_mps3));
+        let deceleration_mps2 = hardest_mps2.min(most_mps2);
         let limits = BrakeLimits {
             deceleration_mps2,
             jerk_mps3,
         };
-        (limits, overshoot_m)
+        (
+            limits,
+            tracking.overshoot_m((deceleration_mps2 - least_mps2).max(0.0)),
+        )
     }
 
     /// The distance (m) of that brake, with a reaction time of `delay_s` (s) before it.

@@ -73,8 +73,7 @@ impl ConfigurationSpace {
 
     /// Distance from `place` (local, m) to the nearest point of an occupied cell, at most what `tier` keeps away from one (m).
     pub fn hit_distance_m(&self, tier: usize, place: &Vector3<f64>) -> f64 {
-        let tube_m = self.radii_m[tier] - self.clearance.footprint_m;
-        let most_m = self.radii_m[tier].max(self.clearance.standoff_m + tube_m);
+        let most_m = self.hit_reach_m(tier);
         let occupied =
             cells_within(cell_holding(place), most_m).filter(|(there, _)| self.is_occupied(*there));
         let away_m = |there: Cell| {
