@@ -101,7 +101,7 @@ fn fly(writer: &mut Writer<'_>) {
     trajectory.start = BEGIN;
     trajectory.mode = Coded::new(TrajectoryMode::Plan);
     trajectory.limits = MotionLimits {
-        speed_mps: 5.0,
+        speed_mps: SPEED_MPS,
         tube_m: 0.5,
         ..MotionLimits::default()
     };
@@ -110,7 +110,7 @@ fn fly(writer: &mut Writer<'_>) {
     assert!(trajectory.push(BezierPiece::new(&points, [0.0; 6], 2.0 * FLIGHT_S)));
     let route = Route {
         tracking: Tracking::PX4_OFFBOARD,
-        reached_mps: 2.5,
+        reached_mps: 4.0,
         allowed_mps: 4.0,
         ..Route::default()
     };
@@ -200,8 +200,12 @@ fn its_figures_are_those_of_the_flight() {
         rows["clearance"].is_null(),
         "nobody knows the truth outside of a simulation"
     );
-    assert!(column(&data, "limit").iter().all(|limit_mps| *limit_mps == 2.5));
-    assert_eq!(data["causes"][10], "the way to rest in known space");
+    assert!(
+        column(&data, "limit")
+            .iter()
+            .all(|limit_mps| *limit_mps == SPEED_MPS)
+    );
+    assert_eq!(data["causes"][10], "the room here");
     let event = &data["timeline"]["events"][0];
     assert_eq!(
         (&event["t"], &event["text"]),
