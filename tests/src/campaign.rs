@@ -237,6 +237,8 @@ pub fn default_sensors() -> Vec<SensorSpec> {
 
 /// The set of sensors that sees everything.
 pub const SPHERE: &str = "sphere";
+/// The set of the default configuration.
+pub const MID360: &str = "mid360";
 
 /// The set-up of one flight of `cell`.
 ///

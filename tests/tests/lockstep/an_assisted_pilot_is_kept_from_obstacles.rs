@@ -2,10 +2,12 @@
 //! out leads to his mode or to the one that holds.
 
 use jink_emulated_ground_station::Make;
+use jink_runtime::config::Config;
 use jink_shared_types::events;
 use jink_shared_types::link::AssistState;
 use jink_shared_types::vehicle::NavMode;
 use jink_tests::assisted::{AssistedPilot, CENTRED};
+use jink_tests::campaign::{MID360, SPHERE, sensor_set, sensors_of};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, Pairing};
@@ -50,35 +52,57 @@ fn reported(flight: &LockStep) -> String {
 pub fn forest_flights() -> Flights {
     let mut flights = Flights::new();
     for pairing in BOTH {
-        for seed in [1, 2, 3, 4, 5, 6] {
-            flights.add(&format!("{} seed {seed}", pairing.name()), (pairing, seed) == (COPTER, 1), move || {
-            let (mut flight, mut pilot) = assisted(pairing, seed);
-            let mut fastest_mps: f64 = 0.0;
-            // Ahead, then to all sides.
-            let nearest_m = pilot.fly(&mut flight, 40.0, |flight, t| {
-                fastest_mps = fastest_mps.max(speed_mps(flight));
-                let turn = (t / 5.0).floor() * 0.9;
-                [turn.cos(), turn.sin(), 0.0, 0.0]
-            });
-            let way_m = position(&flight).xy().norm();
-            println!(
-                "{} seed {seed}: nearest {nearest_m:.2} m, {way_m:.1} m away, up to {fastest_mps:.1} m/s, {} reports",
-                pairing.autopilot,
-                flight.count(&events::PREVENTION_ACTS)
-            );
-            assert_eq!(flight.truth().collisions, 0, "{pairing:?} {seed}");
-            assert_eq!(flight.assist(), AssistState::On, "{pairing:?} {seed}");
-            assert!(
-                nearest_m > CP_DIST_M - HULL_M - LOST_M,
-                "{pairing:?} {seed}: {nearest_m} m"
-            );
-            assert!(flight.count(&events::PREVENTION_ACTS) > 0, "{pairing:?} {seed}");
-            assert!(fastest_mps > 2.0, "it is flown: {fastest_mps} m/s");
-            assert_eq!(flight.count(&events::SETPOINTS_IGNORED), 0);
-});
+        for (sensors, seeds) in [(SPHERE, 1..=6), (MID360, 1..=3)] {
+            for seed in seeds {
+                let in_every_run = (pairing, seed) == (COPTER, 1);
+                flights.add(
+                    &format!("{} {sensors} seed {seed}", pairing.name()),
+                    in_every_run,
+                    move || {
+                        is_kept_from_trees(pairing, sensors, seed);
+                    },
+                );
+            }
         }
     }
     flights
+}
+
+/// Full stick ahead, then to all sides.
+fn is_kept_from_trees(pairing: Pairing, sensors: &str, seed: u64) {
+    let set = sensor_set(sensors).unwrap();
+    let (mut flight, mut pilot) = AssistedPilot::take_off(pairing, seed, |setup| {
+        setup.sensors = sensors_of(&set).unwrap();
+        let config = Config::parse(&set.file, &set.text).unwrap();
+        // Of the set's parameters those that declare what it does not see.
+        for (param, value) in config.params.rows() {
+            if param.name.starts_with("OA_DCL_") {
+                setup.params.set(param.name, value).unwrap();
+            }
+        }
+    });
+    pilot.engage(&mut flight);
+    let mut fastest_mps: f64 = 0.0;
+    let mut way_m = 0.0;
+    let mut last = position(&flight);
+    let nearest_m = pilot.fly(&mut flight, 40.0, |flight, t| {
+        fastest_mps = fastest_mps.max(speed_mps(flight));
+        way_m += (position(flight) - last).norm();
+        last = position(flight);
+        let turn = (t / 5.0).floor() * 0.9;
+        [turn.cos(), turn.sin(), 0.0, 0.0]
+    });
+    let what = format!("{} {sensors} {seed}", pairing.autopilot);
+    println!(
+        "{what}: nearest {nearest_m:.2} m, {way_m:.1} m flown, up to {fastest_mps:.1} m/s, {} reports",
+        flight.count(&events::PREVENTION_ACTS)
+    );
+    assert_eq!(flight.truth().collisions, 0, "{what}");
+    assert_eq!(flight.assist(), AssistState::On, "{what}");
+    assert!(nearest_m > CP_DIST_M - HULL_M - LOST_M, "{what}: {nearest_m} m");
+    assert!(flight.count(&events::PREVENTION_ACTS) > 0, "{what}");
+    assert!(fastest_mps > 2.0, "{what} is flown: {fastest_mps} m/s");
+    assert_eq!(flight.count(&events::SETPOINTS_IGNORED), 0, "{what}");
 }
 
 #[test]

@@ -18,6 +18,8 @@
 //! * Scans, single beams and rows of level distances count whatever the height of their ends (`beam.rs`).
 //! * A cloud captured longer ago than its sensor's deadline contributes nothing, nor do scans, beams and rows older
 //!   than that and than half a second: their sectors become unknown, and unknown is not free.
+//! * As long as its clouds come, what a sensor saw free from places that the vehicle has passed counts where it sees
+//!   nothing now (`view_memory.rs`): where a brake lifts its nose, a lidar that looks up has no level ray ahead.
 //!
 //! **Limit.** The ring is flat: it does not cover what is above or below the band. For a motion that climbs or
 //! descends, an obstacle inside the band counts as a column of any height, and one outside the band does not count
@@ -58,6 +60,8 @@ pub use jink_shared_types::ranges::SENSORS;
 /// How long scans, beams and rows count at least (s): a sensor that turns comes back to its edges in that time, and PX4
 /// keeps ranges as long.
 const SCAN_LIFETIME_S: f64 = 0.5;
+/// Farther than this (m) what is remembered is not asked for: at 6 m/s, with PX4's CP_DELAY and MPC_ACC_HOR, a pilot's vehicle needs 9 m.
+const REMEMBERED_M: f32 = 12.0;
 /// Longest sweep (s): the range of the 16-bit time offset of a cloud point.
 const SWEEP_S: f64 = 0.655_35;
 
@@ -179,6 +183,7 @@ impl Ring {
             lifetimes: Lifetimes {
                 deadline_s,
                 kept_s: deadline_s,
+                is_remembered: true,
             },
         };
         let [from, to] = self.begin(sensor, &rays)?;
@@ -253,8 +258,14 @@ impl Ring {
         for layer in &self.layers {
             for view in layer.views(now) {
                 range_min_m = range_min_m.min(layer.range_min_m);
-                self.add_free_distances(view, pose, out);
+                self.add_free_distances(view, pose, Age::Newest, out);
                 add_hits(view, pose, out);
+            }
+        }
+        let band_half_m = self.envelope.band_half_m;
+        for kept in self.memory.views(now, pose.position_m.z, band_half_m) {
+            if self.layers[kept.sensor].remembers(now) {
+                self.add_free_distances(&kept.view, pose, Age::Remembered, out);
             }
         }
         if range_min_m.is_finite() {
@@ -324,11 +335,15 @@ impl Ring {
         )
     }
 
-    fn add_free_distances(&self, view: &SensorView, pose: &Pose, out: &mut SectorRing) {
+    fn add_free_distances(&self, view: &SensorView, pose: &Pose, age: Age, out: &mut SectorRing) {
         let place_m = [pose.position_m.x, pose.position_m.y];
         let footprint_m = self.envelope.radius_m as f32;
         let yaw_rad = pose.yaw_rad();
         for sector in 0..SECTORS {
+            let is_enough = out.distance_m[sector].is_finite() || out.range_max_m[sector] >= REMEMBERED_M;
+            if age == Age::Remembered && is_enough {
+                continue;
+            }
             let toward_rad = yaw_rad + sector_bearing_rad(sector);
             let way = view.free_distance_m(&self.borders, place_m, toward_rad, footprint_m);
             let Some(way) = way else {
@@ -339,7 +354,7 @@ impl Ring {
             }
             // A free distance that ends at an obstacle is not "nothing up to here", even if the obstacle's nearest
             // point lies in the next sector by now.
-            let distance_m = if way.ends_at_obstacle {
+            let distance_m = if way.ends_at_obstacle && age == Age::Newest {
                 way.way_m
             } else {
                 f32::INFINITY
@@ -347,6 +362,15 @@ impl Ring {
             note(out, sector, distance_m, way.sector.seen);
         }
     }
+}
+
+/// How old a view is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Age {
+    /// A sensor's newest.
+    Newest,
+    /// From somewhere the vehicle has passed: what was free counts, obstacles do not.
+    Remembered,
 }
 
 /// Writes a distance, if it is the smallest so far. NaN, still unknown, is not smaller than anything.
@@ -393,6 +417,8 @@ impl RangeSampleInfo {
             lifetimes: Lifetimes {
                 deadline_s,
                 kept_s: deadline_s.max(SCAN_LIFETIME_S),
+                // Parts of a sensor that turns do not come again where it is stuck.
+                is_remembered: false,
             },
         }
     }

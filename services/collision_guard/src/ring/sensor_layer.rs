@@ -28,6 +28,8 @@ pub struct Lifetimes {
     pub deadline_s: f64,
     /// Age up to which its views count (s).
     pub kept_s: f64,
+    /// Each sample shows all that the sensor sees: what it saw free before counts while its samples come.
+    pub is_remembered: bool,
 }
 
 /// The views of one sensor.
@@ -55,6 +57,7 @@ impl SensorLayer {
             lifetimes: Lifetimes {
                 deadline_s: 0.0,
                 kept_s: 0.0,
+                is_remembered: false,
             },
             range_min_m: 0.0,
         }
@@ -142,6 +145,11 @@ impl SensorLayer {
     /// Whether samples still come from this sensor, with a pose or without.
     pub fn is_arriving(&self, now: Timestamp) -> bool {
         is_young(now, self.arrived, self.lifetimes.deadline_s)
+    }
+
+    /// Whether what it saw free before still counts.
+    pub fn remembers(&self, now: Timestamp) -> bool {
+        self.lifetimes.is_remembered && self.is_live(now)
     }
 
     /// Whether it has seen something, and its views no longer count.

@@ -25,9 +25,11 @@ const EVERY_RAD: f64 = 0.17;
 /// ... or this long ago (s), so that a hovering vehicle keeps what it sees.
 const EVERY_S: f64 = 2.0;
 
+/// What a sensor saw a while ago.
 #[derive(Clone, Debug)]
-struct StoredView {
-    view: SensorView,
+pub struct StoredView {
+    pub sensor: usize,
+    pub view: SensorView,
     time: Timestamp,
 }
 
@@ -86,6 +88,7 @@ impl ViewMemory {
             }
         }
         let entry = StoredView {
+            sensor,
             view: view.clone(),
             time,
         };
@@ -93,6 +96,16 @@ impl ViewMemory {
             Some(old) => *old = entry,
             None => self.kept.push(entry),
         }
+    }
+
+    /// The views of the last [`VIEW_LIFETIME_S`] seconds, taken within `band_half_m` of the height `down_m`, the newest first.
+    pub fn views(&self, now: Timestamp, down_m: f64, band_half_m: f64) -> impl Iterator<Item = &StoredView> {
+        let count = self.kept.len();
+        let newest_first = (1..=count).map(move |back| &self.kept[(self.next + count - back) % count]);
+        newest_first.filter(move |kept| {
+            now.seconds_since(kept.time).abs() <= VIEW_LIFETIME_S
+                && (kept.view.down_m - down_m).abs() <= band_half_m
+        })
     }
 
     /// Whether a view of the last [`VIEW_LIFETIME_S`] seconds, taken within `band_half_m` of the height `down_m`, saw
@@ -106,11 +119,9 @@ impl ViewMemory {
         band_half_m: f64,
         no_overhang: bool,
     ) -> bool {
-        self.kept.iter().any(|kept| {
-            now.seconds_since(kept.time).abs() <= VIEW_LIFETIME_S
-                && (kept.view.down_m - down_m).abs() <= band_half_m
-                && kept.view.admits(place_m, no_overhang)
-                && !kept.view.has_hit_within(place_m, clearance_m as f32)
-        })
+        self.views(now, down_m, band_half_m)
+            .any(|StoredView { view, .. }| {
+                view.admits(place_m, no_overhang) && !view.has_hit_within(place_m, clearance_m as f32)
+            })
     }
 }

@@ -199,6 +199,44 @@ fn a_dead_sensor_leaves_its_sectors_unknown_not_free() {
 }
 
 #[test]
+fn what_was_free_counts_for_a_while_where_a_living_sensor_sees_nothing_now() {
+    let here = VehiclePose::at(0.0, 0.0);
+    let mut ring = at_rest(here);
+    let look_at = |ring: &mut jink_collision_guard::ring::Ring, ends: &[([f64; 3], _)], at_s: f64| {
+        fly(ring, &|_| here, at_s - 0.2, at_s);
+        let (cloud, header) = points(ends, 20.0, at_s);
+        ring.cloud(0, &cloud, &header).unwrap();
+    };
+    look_at(
+        &mut ring,
+        &[([12.0, 0.0, 0.0], Clear), ([0.0, 12.0, 0.0], Hit)],
+        NOW_S,
+    );
+    // Its nose lifted, it sees the sky ahead, and nothing level.
+    let ahead = |ring: &_, at_s| view(ring, at_s).range_max_m[0];
+    let up = ([6.0, 0.0, -6.0], Hit);
+    for i in 1..=8 {
+        look_at(&mut ring, &[up], NOW_S + f64::from(i));
+        let seen = view(&ring, NOW_S + f64::from(i));
+        assert_eq!(seen.distance_m[0], f32::INFINITY);
+        assert!((seen.range_max_m[0] - 12.0).abs() < 0.01, "{i}");
+        assert!(
+            seen.distance_m[18] == f32::INFINITY && (seen.range_max_m[18] - 12.0).abs() < 0.01,
+            "an obstacle is not remembered, but nothing behind it is known either"
+        );
+    }
+    assert_eq!(ahead(&ring, NOW_S + 8.3), 0.0, "its sensor is silent");
+    look_at(&mut ring, &[up, ([3.0, 0.0, 0.0], Hit)], NOW_S + 9.0);
+    let seen = view(&ring, NOW_S + 9.0);
+    assert!(
+        (seen.distance_m[0] - 3.0).abs() < 0.01,
+        "an obstacle counts at once"
+    );
+    look_at(&mut ring, &[up], NOW_S + 10.5);
+    assert!(ahead(&ring, NOW_S + 10.5) < 1.0, "that is too long ago");
+}
+
+#[test]
 fn without_a_pose_nothing_is_known() {
     let mut ring = ring();
     let (cloud, header) = points(&[([4.0, 0.0, 0.0], Hit)], 20.0, NOW_S);
