@@ -135,11 +135,19 @@ fn is_up(record: &Record) -> bool {
 }
 
 fn has_reported(record: &Record, words: &[&str], aim: &Aim, within_s: f64) -> bool {
-    words.is_empty()
-        || record.texts.iter().any(|text| {
-            let delay_s = text.at_s - aim.marked_s;
-            (-0.5..within_s).contains(&delay_s) && words.iter().any(|word| text.text.contains(word))
-        })
+    is_said(record, words, aim.marked_s - 0.5, aim.marked_s + within_s)
+}
+
+/// Whether a text with one of the words came between these times (s).
+fn is_said(record: &Record, words: &[&str], from_s: f64, until_s: f64) -> bool {
+    let mut texts = record.texts.iter();
+    let has_word = |text: &str| words.iter().any(|word| text.contains(word));
+    words.is_empty() || texts.any(|text| (from_s..until_s).contains(&text.at_s) && has_word(&text.text))
+}
+
+/// Whether what keeps the vehicle on the ground was reported: as soon as it is known, which may be before the mark.
+fn has_explained(record: &Record, words: &[&str], aim: &Aim, within_s: f64) -> bool {
+    is_said(record, words, 0.0, aim.marked_s + within_s)
 }
 
 impl Expectation {
@@ -163,7 +171,7 @@ impl Expectation {
         match self {
             Self::StaysDown(words, within_s) => {
                 is_up(record)
-                    || record.now_s() - aim.marked_s > within_s && has_reported(record, words, aim, within_s)
+                    || record.now_s() - aim.marked_s > within_s && has_explained(record, words, aim, within_s)
             }
             Self::Holds(words, within_s) => {
                 self.is_met(record, aim) || has_landed || {
@@ -195,7 +203,7 @@ impl Expectation {
             }
             Self::StaysDown(words, within_s) => {
                 record.truth.iter().all(|truth| -truth.place.z_m < GROUND_M)
-                    && has_reported(record, words, aim, within_s)
+                    && has_explained(record, words, aim, within_s)
             }
             Self::AsTheScriptSays => true,
         }
