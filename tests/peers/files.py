@@ -15,6 +15,8 @@ os.environ["MAVLINK20"] = "1"
 from pymavlink import mavftp, mavutil  # noqa: E402
 
 AVOIDANCE = 196
+# The client gives up by itself where the machine stands still for a while.
+ATTEMPTS = 5
 
 
 def main():
@@ -31,8 +33,11 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         for path in paths:
             here = os.path.join(folder, "file")
-            client.cmd_get([path, here])
-            got = client.process_ftp_reply("OpenFileRO", timeout=90)
+            for _ in range(ATTEMPTS):
+                client.cmd_get([path, here])
+                got = client.process_ftp_reply("OpenFileRO", timeout=90)
+                if os.path.exists(here):
+                    break
             with open(here, "rb") as file:
                 data = file.read()
             os.remove(here)

@@ -44,6 +44,8 @@ fn up(role: &str, folder: &TempFolder) -> Option<(Network, Station)> {
         station.ask(&order);
     }
     until("the autopilot", || network.status()["link"]["system_id"] == 1);
+    // Requests are answered by another process than the gateway, which may start after it.
+    until("an answer", || is_answered(&mut station, "off", "no"));
     Some((network, station))
 }
 

@@ -62,8 +62,15 @@ fn every_sample_that_the_topics_count_is_there() {
         flight.service("planner")["state"] == "active"
     });
     let generator = programs().join("jink-bezier-generator");
-    let swapped = flight.jink(&["swap", "bezier_generator", generator.to_str().unwrap()]);
-    assert_eq!(swapped.code, Some(0), "{swapped:?}");
+    // A takeover is rolled back where the machine stands still behind it: then nobody has what he needs.
+    let mut generators = 1;
+    until("a takeover", || {
+        generators += 1;
+        let swapped = flight.jink(&["swap", "bezier_generator", generator.to_str().unwrap()]);
+        let is_over = swapped.code == Some(0);
+        assert!(is_over || swapped.stderr.contains("rolled back"), "{swapped:?}");
+        is_over
+    });
     let figures = flight.end();
     assert_eq!(figures["outcome"], "goal", "{figures}");
     let files = recordings(folder.path());
@@ -90,7 +97,7 @@ fn every_sample_that_the_topics_count_is_there() {
         .unwrap()
         .values()
         .all(|topic| topic["missing"] == 0);
-    is_flown_again_bit_by_bit(recording, is_whole);
+    is_flown_again_bit_by_bit(recording, is_whole, generators);
     let Some(python) = peers::python_or_say(&MCAP) else {
         return;
     };
@@ -124,9 +131,9 @@ fn every_sample_that_the_topics_count_is_there() {
     }
 }
 
-/// Each start of each service that can be replayed puts out the same again, and with another parameter it does not. Where samples are
-/// missing, beside much load, they are replayed as far as it goes.
-fn is_flown_again_bit_by_bit(recording: &str, is_whole: bool) {
+/// Each start of each service that can be replayed (of the generator so many) puts out the same again, and with another parameter it does
+/// not. Where samples are missing, beside much load, they are replayed as far as it goes.
+fn is_flown_again_bit_by_bit(recording: &str, is_whole: bool, generators: usize) {
     let replay = |more: &[&str]| {
         let all: Vec<&str> = ["replay", recording, "--json"]
             .into_iter()
@@ -142,7 +149,7 @@ fn is_flown_again_bit_by_bit(recording: &str, is_whole: bool) {
     let instances = report["instances"].as_array().unwrap();
     for (process, starts) in [
         ("planner", 2),
-        ("bezier_generator", 2),
+        ("bezier_generator", generators),
         ("collision_guard", 1),
         ("obstacle_fusion", 1),
         ("parameter_server", 1),
