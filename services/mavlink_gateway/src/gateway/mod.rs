@@ -40,7 +40,7 @@ use jink_shared_types::events::{
 };
 use jink_shared_types::health::Name;
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
-use jink_shared_types::params::{GW_OBST_RATE, MPC_XY_P, ParamSet};
+use jink_shared_types::params::{GW_OBST_RATE, MPC_XY_P, MPC_XY_VEL_P_ACC, ParamSet};
 use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Flag, Timestamp};
@@ -451,6 +451,7 @@ impl Gateway {
             in_air: self.vehicle.has_taken_off(),
             is_flown: self.profile.listens(mode) || is_about_to,
             position_gain_per_s: self.params().get(&MPC_XY_P),
+            velocity_gain_per_s: self.params().get(&MPC_XY_VEL_P_ACC),
             clock: &self.clock,
             desired: self
                 .desired

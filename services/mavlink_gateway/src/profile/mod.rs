@@ -34,8 +34,10 @@ pub struct Situation<'a> {
     pub in_air: bool,
     /// What is sent is flown ([`Profile::listens`]), or is about to be.
     pub is_flown: bool,
-    /// With which velocity PX4 corrects each metre beside the reference (1/s): its `MPC_XY_P`, and that of who does it in its stead.
+    /// With which velocity the autopilot answers each metre beside its setpoint (1/s): `MPC_XY_P`, as it is set on it.
     pub position_gain_per_s: f64,
+    /// With which acceleration it answers each m/s of wrong velocity (1/s): `MPC_XY_VEL_P_ACC`, likewise.
+    pub velocity_gain_per_s: f64,
     /// A radio carries what is sent: what says nothing new waits for the beat of the stream.
     pub spares_radio: bool,
     /// The autopilot's clock.

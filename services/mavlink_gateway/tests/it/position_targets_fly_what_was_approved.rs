@@ -114,7 +114,7 @@ fn an_approved_trajectory_is_sent_fifty_times_a_second_with_all_that_moves_it() 
         let rate_hz = (flown.len() - 1) as f64 / flown[flown.len() - 1].0.seconds_since(flown[0].0);
         assert!((48.0..=56.0).contains(&rate_hz), "{rate_hz} Hz");
         let lead_s = match profile {
-            ProfileName::Px4Offboard => 0.075,
+            ProfileName::Px4Offboard => 0.15,
             _ => 0.0,
         };
         for (time, target) in flown {
@@ -141,6 +141,8 @@ fn the_lead_is_learned_with_the_position_gain_that_is_set_on_the_autopilot() {
     let lead_s = |gain_per_s: f64| {
         let mut params = ParamSet::default();
         params.set("MPC_XY_P", gain_per_s).unwrap();
+        // So high that nothing is added to it.
+        params.set("MPC_XY_VEL_P_ACC", 5.0).unwrap();
         let mut bench = bench(profile);
         bench.parameters = Some(ParameterValues::of(&params));
         bench.fly(1.0, |bench, t| {
@@ -162,11 +164,52 @@ fn the_lead_is_learned_with_the_position_gain_that_is_set_on_the_autopilot() {
     };
     let leads_s = [0.0, 0.5, 1.0, 2.0].map(lead_s);
     assert!(
-        (leads_s[0] - 0.075).abs() < 0.01,
+        (leads_s[0] - 0.15).abs() < 0.03,
         "nothing is learned: {leads_s:?}"
     );
     for pair in leads_s.windows(2) {
         assert!(pair[1] > pair[0] + 0.01, "{leads_s:?}");
+    }
+}
+
+/// What PX4's own gains leave of an error is sent besides; ArduCopter's is left to itself, and high gains are not raised.
+#[test]
+fn an_error_is_answered_as_if_the_gains_were_higher() {
+    let sent_beside = |profile, mode, velocity_gain_per_s: f64| {
+        let mut params = ParamSet::default();
+        params.set("MPC_XY_VEL_P_ACC", velocity_gain_per_s).unwrap();
+        let mut bench = bench(profile);
+        bench.parameters = Some(ParameterValues::of(&params));
+        bench.fly(1.0, |bench, t| {
+            report(bench, profile, t, mode, HERE, Vector3::zeros());
+            bench.approve(Verdict::Passed, mirror());
+        });
+        let begin = bench.now;
+        let plan = flight(7, begin, HERE, Vector3::new(5.0, 0.0, 0.0), 4.0);
+        bench.approve(Verdict::Passed, plan);
+        bench.fly(1.5, |bench, t| {
+            let there = plan.at(bench.now).unwrap();
+            let [aside, drifts] = [0.2 * Vector3::y(), 0.1 * Vector3::y()];
+            let (position, velocity) = (there.position.vector() + aside, there.velocity.vector() + drifts);
+            report(bench, profile, t, mode, position, velocity);
+            bench.approved.as_mut().unwrap().header.publish = bench.now;
+        });
+        let (_, target) = sent(&bench).pop().unwrap();
+        [f64::from(target.vy), f64::from(target.afy)]
+    };
+    let [back_mps, push_mps2] = sent_beside(ProfileName::Px4Offboard, MODE_OFFBOARD, 1.8);
+    let raised = 0.42 / 0.15 / 1.8 - 1.0;
+    assert!((back_mps + raised * 0.95 * 0.2).abs() < 0.03, "{back_mps}");
+    assert!((push_mps2 + raised * 1.8 * 0.1).abs() < 0.05, "{push_mps2}");
+    for (profile, mode, gain_per_s) in [
+        (ProfileName::Px4Offboard, MODE_OFFBOARD, 5.0),
+        (ProfileName::ArdupilotGuided, MODE_GUIDED, 1.8),
+    ] {
+        let sent = sent_beside(profile, mode, gain_per_s);
+        assert!(
+            sent.iter().all(|sent| sent.abs() < 1e-3),
+            "{profile:?} {gain_per_s}: {sent:?}"
+        );
     }
 }
 
