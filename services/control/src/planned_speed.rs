@@ -61,7 +61,7 @@ mod tests {
         let line = PlannedSpeed::of(&route).unwrap().line();
         assert_eq!(
             line,
-            "speed: plans reach 5.2 of 8.0 m/s; cuts corners 0.11 s2, overshoots 0.20 s2\n"
+            "speed: plans reach 5.2 of 8.0 m/s; cuts corners 0.09 s2, overshoots 0.14 s2\n"
         );
         assert!(line.len() <= 81, "{}", line.len());
     }

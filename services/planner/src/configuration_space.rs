@@ -133,12 +133,18 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Sets the standoff; the footprint stays what it was.
-    pub fn set_standoff(&mut self, speed_tiers: &[MotionLimits; TIERS], clearance: Clearance) {
-        if clearance.standoff_m != self.clearance.standoff_m {
-            self.clearance.standoff_m = clearance.standoff_m;
+    /// Sets the standoff and the tubes; the footprint stays what it was.
+    pub fn fit(&mut self, speed_tiers: &[MotionLimits; TIERS], standoff_m: f64) {
+        let radii_m = speed_tiers.map(|limits| self.clearance.footprint_m + limits.tube_m);
+        if standoff_m != self.clearance.standoff_m || radii_m != self.radii_m {
+            self.clearance.standoff_m = standoff_m;
+            self.radii_m = radii_m;
+            self.elements =
+                std::array::from_fn(|tier| StructuringElement::of_cells(radii_m[tier], cell_m(tier)));
             self.standoff_elements =
                 std::array::from_fn(|tier| self.clearance.standoff_element(speed_tiers[tier].tube_m));
+            let all = [&self.comfort].into_iter().chain(&self.elements);
+            self.scratch = DilationScratch::for_elements(all.chain(self.standoff_elements.iter().flatten()));
             self.discard_tiers();
         }
     }

@@ -257,8 +257,6 @@ impl Planner {
     pub fn on_params_changed(&mut self, params: &ParamSet) {
         self.params.clone_from(params);
         self.update_limits();
-        self.space
-            .set_standoff(&self.limits, Clearance::from_params(params));
         self.goal_radius_m = params.get(&params::OA_GOAL_RAD);
         self.height_range_m = (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX));
         self.yaw_along_path = params.get(&params::OA_YAW_MODE) == 1.0;
@@ -269,6 +267,8 @@ impl Planner {
     fn update_limits(&mut self) {
         self.limits = speed_tiers(&self.params, &self.tracking);
         self.creep = creep(&self.params, &self.tracking);
+        let clearance = Clearance::from_params(&self.params);
+        self.space.fit(&self.limits, clearance.standoff_m);
     }
 
     /// Sets the number of range sensors of the vehicle: while only some of them contribute to the map, it flies in what

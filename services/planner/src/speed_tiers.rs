@@ -2,9 +2,9 @@
 //! exactly, so it needs a wider tube, so it fits through fewer gaps. The planner takes the highest speed tier in which
 //! there is a path worth its time.
 //!
-//! The tubes are the same whatever autopilot follows; how hard a tier may accelerate within its tube depends on how
-//! closely that autopilot follows ([`Tracking`]). With the loosest, PX4's trajectory interface, they are those of the
-//! table.
+//! How hard a tier may accelerate within its tube depends on how closely the autopilot follows ([`Tracking`]). With the loosest,
+//! PX4's trajectory interface, accelerations are those of the table, and so are the tubes of the others: narrower only where
+//! acceleration has another bound than the tube.
 
 use jink_shared_types::motion::{MotionLimits, REPLANNED_S, stoppable_speed_mps};
 use jink_shared_types::params::{self, ParamSet};
@@ -38,8 +38,12 @@ const TABLE: [(f64, f64, f64); TIERS] = [
 ];
 
 /// The hardest acceleration of a plan that goes on, however closely the autopilot follows, as a share of its hardest braking: what it
-/// corrects with comes on top. The jerk is less by the same share.
-const SHARE_OF_BRAKING: f64 = 0.8;
+/// corrects with comes on top, and what accelerates less has a narrower tube. In the forest of the campaigns (1 tree in 25 m2, a
+/// Mid-360, PX4 in OFFBOARD, 12 flights each) the median of the mean speeds was 5.3, 5.5, 5.5 and 4.9 m/s with 0.5, 0.6, 0.7 and 0.8;
+/// ArduCopter's 4.0 and 3.8 with the first two.
+const SHARE_OF_BRAKING: f64 = 0.5;
+/// The jerk of such a plan, as a share of that of the hardest braking.
+const SHARE_OF_JERK: f64 = 0.8;
 
 /// An autopilot that speeds up falls behind its setpoints and then catches up, faster than it is sent. Measured when 1, 2
 /// and 3 m/s were sent, each time the greatest of 9 flights: 0.19, 0.22 and 0.26 m/s too fast (emulated PX4 and
@@ -102,12 +106,13 @@ fn limits(
     (speed_mps, allowed_mps): (f64, f64),
     (loose_mps2, loose_mps3): (f64, f64),
 ) -> MotionLimits {
+    // Who brakes no harder than the table accelerates is the one that it was measured with.
+    let hardest_mps2 = (SHARE_OF_BRAKING * tracking.braking_mps2).max(loose_mps2);
     let tube_m = Tracking::PX4_TRAJECTORY.tube_m(loose_mps2);
-    let acceleration_mps2 = tracking
-        .acceleration_mps2(tube_m)
-        .min(SHARE_OF_BRAKING * tracking.braking_mps2);
+    let tube_m = tube_m.min(tracking.tube_m(hardest_mps2));
+    let acceleration_mps2 = tracking.acceleration_mps2(tube_m).min(hardest_mps2);
     let jerk_mps3 =
-        (loose_mps3 * acceleration_mps2 / loose_mps2).min(SHARE_OF_BRAKING * tracking.braking_jerk_mps3);
+        (loose_mps3 * acceleration_mps2 / loose_mps2).min(SHARE_OF_JERK * tracking.braking_jerk_mps3);
     let speed_mps = speed_mps.min(planned_mps(allowed_mps, acceleration_mps2));
     let (braking_mps2, braking_jerk_mps3) = tracking.shortest_stop(speed_mps, (acceleration_mps2, jerk_mps3));
     MotionLimits {
@@ -127,7 +132,7 @@ fn limits(
 
 #[cfg(test)]
 mod tests {
-    use super::{CATCH_UP, CATCH_UP_S, SHARE_OF_BRAKING, TABLE, planned_mps, reached_mps, speed_tiers};
+    use super::{CATCH_UP, CATCH_UP_S, SHARE_OF_JERK, TABLE, planned_mps, reached_mps, speed_tiers};
     use jink_shared_types::motion::{REPLANNED_S, stopping_distance_m};
     use jink_shared_types::params::ParamSet;
     use jink_shared_types::tracking::Tracking;
@@ -145,22 +150,22 @@ mod tests {
                 assert!(limits.tube_m >= tracking.tube_m(limits.acceleration_mps2) - 1e-9);
                 assert!(limits.overshoot_m >= tracking.overshoot_m(limits.braking_mps2) - 1e-9);
                 assert!(limits.braking_mps2 <= tracking.braking_mps2);
-                assert!(limits.jerk_mps3 <= SHARE_OF_BRAKING * tracking.braking_jerk_mps3);
+                assert!(limits.jerk_mps3 <= SHARE_OF_JERK * tracking.braking_jerk_mps3);
             }
         }
     }
 
     #[test]
-    fn who_follows_closely_may_accelerate_harder_in_the_same_tube() {
+    fn who_follows_closely_may_accelerate_harder_in_no_wider_a_tube() {
         let [loose, offboard, guided] = ALL.map(|tracking| speed_tiers(&ParamSet::default(), &tracking));
         for tier in 0..TABLE.len() {
             let (_, acceleration_mps2, jerk_mps3) = TABLE[tier];
             assert!((loose[tier].acceleration_mps2 - acceleration_mps2).abs() < 1e-9);
             assert!((loose[tier].jerk_mps3 - jerk_mps3).abs() < 1e-9);
             assert!(offboard[tier].acceleration_mps2 > 1.9 * acceleration_mps2);
-            assert!(guided[tier].acceleration_mps2 > 1.9 * acceleration_mps2);
-            assert_eq!(loose[tier].tube_m, offboard[tier].tube_m);
-            assert_eq!(loose[tier].tube_m, guided[tier].tube_m);
+            assert!(guided[tier].acceleration_mps2 > 1.4 * acceleration_mps2);
+            assert!(offboard[tier].tube_m <= loose[tier].tube_m);
+            assert!(guided[tier].tube_m <= loose[tier].tube_m);
         }
     }
 
@@ -210,7 +215,7 @@ mod tests {
             let speed_tiers = speed_tiers(&ParamSet::default(), &tracking);
             for pair in speed_tiers.windows(2) {
                 assert!(pair[1].speed_mps <= pair[0].speed_mps);
-                assert!(pair[1].tube_m < pair[0].tube_m);
+                assert!(pair[1].tube_m <= pair[0].tube_m);
                 assert!(pair[1].overshoot_m <= pair[0].overshoot_m);
             }
         }

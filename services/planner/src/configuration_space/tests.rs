@@ -56,6 +56,20 @@ fn a_post_blocks_its_surroundings_and_less_of_them_in_a_lower_tier() {
 }
 
 #[test]
+fn an_autopilot_that_follows_closely_needs_less_room() {
+    let params = ParamSet::default();
+    let map = known_map(|p| (p.x - 5.0).hypot(p.y) < 0.3);
+    let mut space = space_of(&map);
+    let at = |distance_m: f64| cell_of(Point::new(4.7 - distance_m, 0.1, 0.1));
+    assert!(!space.is_safe(0, at(0.7)) && space.is_safe(0, at(1.1)));
+    let standoff_m = Clearance::from_params(&params).standoff_m;
+    space.fit(&speed_tiers(&params, &Tracking::PX4_OFFBOARD), standoff_m);
+    space.prepare(0);
+    assert!(space.is_safe(0, at(0.9)), "a tube of 0.33 instead of 0.49 m");
+    assert!(!space.is_safe(0, at(0.5)));
+}
+
+#[test]
 fn with_collision_prevention_a_post_is_kept_away_from_and_who_is_too_near_may_leave() {
     let map = known_map(|p| (p.x - 5.0).hypot(p.y) < 0.3);
     let mut params = ParamSet::default();
@@ -72,9 +86,9 @@ fn with_collision_prevention_a_post_is_kept_away_from_and_who_is_too_near_may_le
     assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
     // Without CP_DIST there is no standoff.
     params.set("CP_DIST", -1.0).unwrap();
-    space.set_standoff(
+    space.fit(
         &speed_tiers(&params, &Tracking::PX4_TRAJECTORY),
-        Clearance::from_params(&params),
+        Clearance::from_params(&params).standoff_m,
     );
     space.set_departure(&center_of(at(3.0)).vector(), SLOW_TIER, false, true);
     space.prepare(2);
