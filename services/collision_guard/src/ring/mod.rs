@@ -60,7 +60,7 @@ pub use jink_shared_types::ranges::SENSORS;
 /// How long scans, beams and rows count at least (s): a sensor that turns comes back to its edges in that time, and PX4
 /// keeps ranges as long.
 const SCAN_LIFETIME_S: f64 = 0.5;
-/// Farther than this (m) what is remembered is not asked for: at 6 m/s, with PX4's CP_DELAY and MPC_ACC_HOR, a pilot's vehicle needs 9 m.
+/// Remembered views are not asked farther than this (m): at 6 m/s, with PX4's CP_DELAY and MPC_ACC_HOR, a pilot's vehicle needs 9 m.
 const REMEMBERED_M: f32 = 12.0;
 /// Longest sweep (s): the range of the 16-bit time offset of a cloud point.
 const SWEEP_S: f64 = 0.655_35;
@@ -369,7 +369,7 @@ impl Ring {
 enum Age {
     /// A sensor's newest.
     Newest,
-    /// From somewhere the vehicle has passed: what was free counts, obstacles do not.
+    /// A view from a place that the vehicle has passed: its free space counts, its obstacles do not.
     Remembered,
 }
 
