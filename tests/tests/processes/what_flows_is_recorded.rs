@@ -62,7 +62,7 @@ fn every_sample_that_the_topics_count_is_there() {
         flight.service("planner")["state"] == "active"
     });
     let generator = programs().join("jink-bezier-generator");
-    // A takeover is rolled back where the machine stands still behind it: then nobody has what he needs.
+    // A takeover is rolled back where the machine stands still behind it: no process has the inputs that it needs then.
     let mut generators = 1;
     until("a takeover", || {
         generators += 1;
